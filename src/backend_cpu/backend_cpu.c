@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * The reference table first, then what each instruction set overwrites. */
+ * Makes the backend: fills the table with the reference kernels, then overwrites those that the instruction set has
+ * faster. */
 #include "backend_cpu/backend_cpu.h"
 
 #include "backend_cpu/cpu_kernels.h"
@@ -10,7 +11,7 @@
 #include "core/kernels.h"
 #include "core/memory.h"
 
-/* Big enough for the kernels of either scalar: members are all pointers. */
+/* Large enough for the kernels of either scalar type: all members are pointers. */
 enum { KERNEL_TABLE_BYTES = sizeof(struct ern_cpu_kernels) };
 
 static ern_status buffer_make(struct ern_backend *backend, ern_element element, size_t count,
@@ -51,7 +52,7 @@ static void stream_free(struct ern_stream *stream) {
   ern_release(context, cpu);
 }
 
-/* A stream without a pool: a worker. */
+/* Makes a worker: a stream without a pool. */
 static ern_status serial_stream_make(struct ern_backend *backend, struct ern_cpu_stream **stream) {
   ern_status status = ERN_NEW(backend->context, 1, stream);
   if (status != ERN_OK) return status;
@@ -83,7 +84,8 @@ static void backend_free(struct ern_backend *backend) {
   ern_release(backend->context, cpu);
 }
 
-/* What each instruction set does faster than the reference: kernels, and the slots that run several stages at once. */
+/* Overwrites what an instruction set does faster than the reference: kernels, and the slots that fuse several stages.
+ */
 #define FASTER(isa)                                       \
   static void faster_##isa(struct ern_cpu_backend *cpu) { \
     struct ern_cpu_kernels *k = cpu->kernel_memory;       \

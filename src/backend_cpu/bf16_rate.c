@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: MIT
- * Whether pairs of bf16 are worth their price here: processors that know VDPBF16PS differ fourfold in its rate, and
- * their names do not tell. */
+ * Measures whether products of bf16 pairs are faster than float here: the rate of VDPBF16PS differs fourfold between
+ * processors and cannot be inferred from their names. */
 #include "backend_cpu/backend_cpu.h"
 #include "backend_cpu/peak.h"
 #include "core/profile.h"
 
 #if defined(ERN_X86_KERNELS)
-enum { TURNS = 1000, REPEATS = 12 /* a tenth of a millisecond in all; the first wakes the wide units */ };
+enum { TURNS = 1000, REPEATS = 12 /* 0.1 ms in all; the first powers up the wide units */ };
 
 static double fastest(ern_peak_multiply_loop *loop, double best) {
   float sink = 0;
@@ -15,7 +15,8 @@ static double fastest(ern_peak_multiply_loop *loop, double best) {
 }
 #endif
 
-/* The rates are 2 or 1/2 of each other on what is known; halfway (of the logarithm), with room for what both share. */
+/* On known processors the ratio of the rates is 2 or 1/2. The threshold is near the geometric mean, with a margin for
+ * the overhead of both loops. */
 bool ern_cpu_bf16_is_faster(void) {
 #if defined(ERN_X86_KERNELS)
   double floats = 0, pairs = 0;

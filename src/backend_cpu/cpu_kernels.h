@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * What the CPU's slots call: one kernel a stage, in the scalar of the build. backend_cpu.c fills it with the reference
- * and lets an instruction set overwrite what it does faster. */
+ * The kernels that the CPU's slots call: one a stage, in the scalar type of the build. backend_cpu.c fills the table
+ * with the reference kernels, then overwrites those that an instruction set has a faster one for. */
 #ifndef ERN_CPU_KERNELS_H
 #define ERN_CPU_KERNELS_H
 
@@ -25,7 +25,7 @@ struct ern_frame_net;
 struct ern_render_work;
 struct ern_profile;
 
-/* Takes rays off the work's order until none is left (render_worker.h). */
+/* Renders rays of work->order until none is left (render_worker.h). */
 typedef void ern_render_worker_kernel(const struct ern_render_work *work, atomic_size_t *next, void *scratch,
                                       struct ern_profile *profile);
 
@@ -34,30 +34,30 @@ struct ern_train_kernels;
 struct ern_train_workspace;
 
 struct ern_cpu_backend {
-  struct ern_backend table; /* first: a backend is one */
+  struct ern_backend table; /* first member: a backend points to it */
   const void *kernels;      /* struct ern_cpu_kernels of this build's scalar */
   void *kernel_memory;
-  /* the fused pass of rendering; NULL: render_rays goes through the stages */
+  /* the fused rendering pass; NULL: render_rays runs the separate stages */
   ern_render_worker_kernel *render_worker;
-  bool render_pairs; /* it reads a net in pairs of bf16 (frame_net.h) */
+  bool render_pairs; /* render_worker needs a net in pairs of bf16 (frame_net.h) */
   ern_status (*render_rays_stages)(struct ern_stream *, struct ern_render_rays_args *);
-  const struct ern_torso_kernels *torso;       /* of the fused torso; NULL: render_torso goes through the stages */
-  const struct ern_train_kernels *train;       /* of the fused training step; NULL: head_step goes through the stages */
-  const struct ern_train_kernels *train_pairs; /* the same by products of pairs of bf16; NULL: there is none */
+  const struct ern_torso_kernels *torso; /* of the fused torso; NULL: render_torso runs the separate stages */
+  const struct ern_train_kernels *train; /* of the fused training step; NULL: head_step runs the separate stages */
+  const struct ern_train_kernels *train_pairs; /* the same with products of pairs of bf16; NULL: none */
 };
 
 struct ern_cpu_stream {
-  struct ern_stream base;         /* first: a stream is one */
-  struct ern_pool *pool;          /* NULL in a worker: its work is one task of its owner's pool */
+  struct ern_stream base;         /* first member: a stream points to it */
+  struct ern_pool *pool;          /* NULL in a worker stream, whose work is one task of its owner's pool */
   struct ern_cpu_stream **worker; /* serial streams for tasks that run whole stages; [threads], NULL in a worker */
   int workers;
-  struct ern_frame_net *net; /* what render_prepare made, of the parameters net_of; NULL: nothing */
+  struct ern_frame_net *net; /* made by render_prepare from the parameters net_of; NULL: none */
   ern_span net_of;
-  struct ern_train_workspace *train_workspace; /* memory of the fused training step; NULL: none was made */
+  struct ern_train_workspace *train_workspace; /* memory of the fused training step; NULL: none */
 };
 
-/* Fills the slots, copies and fills of a table, and the reference's struct ern_cpu_kernels (memory.c, compiled once a
- * scalar). */
+/* Sets the table's slots, copy and fill functions, and the reference kernels of a struct ern_cpu_kernels (memory.c,
+ * compiled once for each scalar type). */
 void ern_cpu_fill_ref(struct ern_backend *backend, void *kernels);
 void ern_cpu_fill_ref64(struct ern_backend *backend, void *kernels);
 

@@ -13,7 +13,7 @@ ERN_SHARDED_SLOT(grid_fwd, a->n, 64) {
                     r.end - r.begin);
 }
 
-/* The table's gradient: a task a level. */
+/* The table's gradient: one task for each level. */
 static void grid_bwd_table_task(void *user, size_t k, int worker) {
   (void)worker;
   const struct job *job = user;
@@ -24,7 +24,7 @@ static void grid_bwd_table_task(void *user, size_t k, int worker) {
   job->kernels->grid_bwd(reals(a->dtable), none, reals(a->df.span), a->df.stride, x, reals(a->forward.table),
                          a->forward.grid, (int)k, (int)k + 1, a->forward.n);
 }
-/* The coordinates' gradient: a task a shard of samples. */
+/* The coordinates' gradient: one task for each shard of samples. */
 static void grid_bwd_x_task(void *user, size_t k, int worker) {
   (void)worker;
   const struct job *job = user;

@@ -18,7 +18,7 @@ static void head_softmax_task(void *user, size_t k, int worker) {
   job->part[k] = job->kernels->head_softmax(after(reals(job->args->uncertainty), r.begin), r.end - r.begin);
 }
 
-/* Of all parts: each sum was of exp(u - the part's most). */
+/* Combines the shards' parts: each sum is of exp(u - the part's maximum). */
 static struct ern_softmax softmax_of_parts(const struct ern_softmax part[ERN_SHARDS]) {
   struct ern_softmax all = {part[0].most, 0};
   for (int k = 1; k < ERN_SHARDS; k++) {

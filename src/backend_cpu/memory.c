@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * The memory slots, and the table put together. */
+ * The memory slots, and the function that fills the table. */
 #include "backend_cpu/slots.h"
 #include "core/kernels.h"
 
@@ -47,7 +47,7 @@ static void zero_task(void *user, size_t k, int worker) {
   memset(job->memory + r.begin, 0, r.end - r.begin);
 }
 static ern_status zero(struct ern_stream *stream, ern_span span) {
-  enum { ALONE = 1 << 18 /* bytes that one thread has written before another is awake */ };
+  enum { ALONE = 1 << 18 /* below this, one thread is done before another has woken up */ };
   struct zero_job job = {0};
   if (span.buffer == NULL) return ERN_OK;
   switch (span.buffer->element) {
@@ -68,7 +68,7 @@ static ern_status copy(struct ern_stream *stream, ern_span to, ern_span from, si
   return ERN_OK;
 }
 
-/* Figures are there when a slot returns. */
+/* Slots are synchronous: results are ready when a slot returns. */
 static ern_status synchronize(struct ern_stream *stream) {
   (void)stream;
   return ERN_OK;

@@ -32,7 +32,7 @@ ern_status ERN_REF(ern_cpu_mlp_fwd)(struct ern_stream *stream, struct ern_mlp_fw
 
 /* A shard's block: the weights' gradient, then that of each PER_BATCH piece, then the kernel's scratch. */
 struct mlp_block {
-  struct ern_mlp mlp; /* the weights counted from the start of the block */
+  struct ern_mlp mlp; /* weight offsets from the start of the block */
   size_t first, weights, piece[ERN_MAX_PIECES], sums, stride;
 };
 

@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: MIT
- * Slots of the optimizer and of the average. */
+ * Slots of the optimizer and of the moving average. */
 #include <math.h>
 
 #include "backend_cpu/slots.h"
 
-enum { ALONE = 1 << 13 /* values that one thread has done before another is awake */ };
+enum { ALONE = 1 << 13 /* below this, one thread is done before another has woken up */ };
 
-/* bias correction 1 - beta2^step, exact for a billion steps too: expm1 of the logarithm. */
+/* bias correction 1 - beta2^step, accurate even after a billion steps, by expm1 of the logarithm. */
 struct adamw_job {
   const struct ern_cpu_kernels *kernels;
   const struct ern_adamw_args *args;
@@ -30,7 +30,7 @@ ERN_SHARDED_SLOT(ema, a->n, 64) {
   kernels->ema(reals(a->average) + r.begin, reals(a->parameters) + r.begin, a->decay, r.end - r.begin);
 }
 
-/* The figure of a shard: 1 where a value is not finite. */
+/* A shard's result: 1 where a value is not finite. */
 static void finite_task(void *user, size_t k, int worker) {
   (void)worker;
   struct figure_job *job = user;

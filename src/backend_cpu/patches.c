@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * Slot of the loss over patches: a channel of a patch after the other, sums in the order of the shards. */
+ * Slot of the loss over patches: channels of patches one after another, sums in the order of the shards. */
 #include "backend_cpu/slots.h"
 
 struct patch_job {

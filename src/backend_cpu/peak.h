@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * Loops that measure a core: what the kernels of an instruction set are held against. Those with a suffix need the
- * instruction set it names; `base` is what every processor of the architecture has, the reference's. */
+ * Loops that measure a core's peak throughput, with which the kernels are compared. The suffix names the instruction
+ * set that a loop needs; `base` is the architecture's baseline, which the reference kernels use. */
 #ifndef ERN_CPU_PEAK_H
 #define ERN_CPU_PEAK_H
 
@@ -8,8 +8,8 @@
 
 enum { ERN_PEAK_TABLE = 1 << 14 /* floats of the table that gathers read: 64 KiB, a level of a hash grid */ };
 
-/* Each returns how many operations it did: floating-point operations (a multiply-add is two), reads. *sink is written
- * so that nothing of it can be left out. */
+/* Each returns its number of operations: floating-point operations (a multiply-add is two), or reads. It writes *sink,
+ * so that the compiler cannot remove the loop. */
 typedef double ern_peak_multiply_loop(float *sink, size_t turns);
 typedef double ern_peak_gather_loop(float *sink, const float *table, size_t turns);
 
@@ -21,7 +21,7 @@ typedef void ern_peak_copy_loop(float *restrict to, const float *restrict from, 
 ern_peak_copy_loop ern_peak_copy_base, ern_peak_copy_avx2, ern_peak_copy_avx512, ern_peak_copy_neon;
 typedef void ern_peak_update_loop(float *x, size_t count);
 ern_peak_update_loop ern_peak_update_base, ern_peak_update_avx2, ern_peak_update_avx512, ern_peak_update_neon;
-/* In double, without instruction sets: the reference's second build. */
+/* In double, for the double build of the reference; there are no SIMD versions. */
 ern_peak_multiply_loop ern_peak_multiply_base64;
 
 #endif

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * The peak of what every processor of the architecture has. The reference is compiled so: products and sums are rounded
- * apart (no multiply-add in one), registers of four floats. */
+ * Peak throughput of the architecture's baseline instruction set, for which the reference is compiled: products and
+ * sums are rounded separately (no fused multiply-add), registers have four floats. */
 #define ERN_ISA_NAME base
 #include "backend_cpu/simd/peak.c"
 

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * Slots between the caller's pictures and rows. */
+ * Slots that convert between the caller's pictures and rows. */
 #include "backend_cpu/slots.h"
 
 ERN_SHARDED_SLOT(background, a->n, 64) {

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * Rays from direction to pixel, a tile of them by calling the stages. */
+ * Renders rays from direction to pixel, tile by tile, by the separate stages. */
 #include "backend_cpu/slots.h"
 #include "core/memory.h"
 #include "render/stages.h"
@@ -20,7 +20,8 @@ static ern_rows rows_from(ern_rows rows, size_t begin) {
   return rows;
 }
 
-/* A tile of rays through all stages on the worker's own serial stream: its samples stay in that core's cache. */
+/* Runs all stages for a tile of rays on the worker's own serial stream, so that its samples stay in that core's cache.
+ */
 static void render_rays_task(void *user, size_t tile, int worker) {
   const struct render_job *job = user;
   const size_t begin = tile * RAY_TILE, left = job->args->n - begin, n = left < RAY_TILE ? left : RAY_TILE;
@@ -37,7 +38,7 @@ static void render_rays_task(void *user, size_t tile, int worker) {
   job->status[tile] = ern_render_rays_stages(&job->stream->worker[worker]->base, &a);
 }
 
-/* The stages read the parameters as they are. */
+/* No preparation: the stages read the parameters directly. */
 ern_status ERN_REF(ern_cpu_render_prepare)(struct ern_stream *stream, struct ern_render_prepare_args *a) {
   (void)stream;
   (void)a;

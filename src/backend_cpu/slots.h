@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: MIT
- * From slots to kernels: unwraps spans to pointers and deals the work to threads. The files of slots are compiled once
- * a scalar.
+ * Helpers of the CPU's slots: they convert spans to pointers and distribute the work over threads. The slots' files are
+ * compiled once for each scalar type.
  *
- * Sums over samples are made in ERN_SHARDS blocks whose borders depend on the number of samples alone, and added in the
- * order of the shards; tables of a grid are filled level by level, each by one thread in sample order. So the result is
- * the same for any number of threads. */
+ * Results are the same for any number of threads. Sums over samples are computed in ERN_SHARDS blocks (shards), whose
+ * bounds depend only on the number of samples, and added in the order of the shards. One thread adds to each level of a
+ * grid, in sample order. */
 #ifndef ERN_CPU_SLOTS_H
 #define ERN_CPU_SLOTS_H
 
@@ -43,7 +43,7 @@ static inline struct range shard(size_t n, size_t unit, size_t k) {
   return (struct range){begin < n ? begin : n, end < n ? end : n};
 }
 
-/* One task of a slot: its stream, its arguments, its items. */
+/* The shared arguments of a slot's tasks. */
 struct job {
   struct ern_stream *stream;
   const struct ern_cpu_kernels *kernels;
@@ -58,7 +58,8 @@ static inline void run(struct ern_stream *stream, void *args, size_t tasks, void
   ern_pool_run(pool_of(stream), tasks, task, &job);
 }
 
-/* A slot whose items are dealt to tasks in units of `unit`; the block that follows it does the items of `r`. */
+/* Defines a slot whose items are divided into shards in units of `unit`; the function body after the macro processes
+ * the items of `r`. */
 #define ERN_SHARDED_SLOT(name, items, unit)                                                                 \
   static void name##_shard(const struct ern_cpu_kernels *, const struct ern_##name##_args *, struct range); \
   static void name##_task(void *user, size_t k, int worker) {                                               \
@@ -73,7 +74,7 @@ static inline void run(struct ern_stream *stream, void *args, size_t tasks, void
   }                                                                                                         \
   static void name##_shard(const struct ern_cpu_kernels *kernels, const struct ern_##name##_args *a, struct range r)
 
-/* One block of `each` reals a shard, so that no two tasks share one. */
+/* Allocates a block of `each` reals for each shard, so that no two tasks write the same block. */
 static inline ern_status take_blocks(struct ern_stream *stream, size_t each, ern_real **block) {
   ern_span span;
   const ern_status status = ern_take(stream, ERN_ELEMENT_REAL, each * ERN_SHARDS, &span);
@@ -81,7 +82,7 @@ static inline ern_status take_blocks(struct ern_stream *stream, size_t each, ern
   return status;
 }
 
-/* A slot with one figure a shard. */
+/* A slot that sums one number of each shard. */
 struct figure_job {
   const struct ern_cpu_kernels *kernels;
   const void *args;

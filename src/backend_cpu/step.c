@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * Whole training steps and densities, by calling the stages. */
+ * Slots of whole training steps and densities, by the separate stages. */
 #include "train/step.h"
 
 #include "backend_cpu/slots.h"

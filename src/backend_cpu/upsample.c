@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * The slot that draws a layer larger. */
+ * The slot that enlarges a layer. */
 #include "backend_cpu/slots.h"
 
 /* Shards of whole rows. */

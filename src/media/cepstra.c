@@ -10,12 +10,14 @@
 
 enum { FFT = 512, BINS = FFT / 2 + 1, BANDS = ERN_CEPSTRA_BANDS };
 
-static const double pi = 3.14159265358979323846, lowest = 60, highest = 7600; /* Hz, of the bands */
-/* The level that bands are relative to: the loudest row's power, forgotten with 10 s while anything within 30 dB of it
- * is audible, and no less than -50 dB of full scale, so that noise is not taken for speech. */
+static const double pi = 3.14159265358979323846, lowest = 60, highest = 7600; /* Hz: the range of the mel bands */
+/* The level that normalises the bands: the power of the loudest row so far, which decays with a time constant of 10 s
+ * while the sound is within 30 dB of it. It is at least -50 dB of full scale, so that noise does not count as speech.
+ */
 static const float memory_seconds = 10, audible = 1e-3f, least_level = 1e-5f;
-static const float band_floor = 1e-3f; /* of the level: what is quieter is silence */
-/* Means and standard deviations over eight made-up voices in three languages: they bring the values near 0 and 1. */
+static const float band_floor = 1e-3f; /* relative to the level; lower powers count as silence */
+/* Means and standard deviations of the coefficients over eight synthetic voices in three languages: they normalise the
+ * values to about 0 and 1. */
 static const float mean[ERN_CEPSTRA_WIDTH] = {-42.9f, 7.71f,  2.48f,  2.73f, -0.89f, -0.84f, -0.64f,
                                               -1.43f, -0.54f, -0.21f, 0.1f,  -0.32f, -0.42f};
 static const float deviation[ERN_CEPSTRA_WIDTH] = {11.8f, 6.04f, 2.92f, 4.11f, 3.39f, 2.74f, 2.88f,
@@ -36,7 +38,8 @@ struct ern_cepstra {
 static double mel_of(double hertz) { return 2595 * log10(1 + hertz / 700); }
 static double hertz_of(double mel) { return 700 * (pow(10, mel / 2595) - 1); }
 
-/* Triangles between neighbours that are evenly spaced in mel, moved by `warp`; bins past half the rate do not count. */
+/* Triangular filters with edges evenly spaced in mel and scaled by `warp`; bins above the Nyquist frequency are left
+ * out. */
 static void make_bands(struct ern_cepstra *c, double warp) {
   double edge[BANDS + 2];
   for (int i = 0; i < BANDS + 2; i++)

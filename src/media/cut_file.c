@@ -8,15 +8,15 @@
 
 #include "core/memory.h"
 
-/* s: headers round lengths, and encoders pad the last packet. */
+/* Tolerance in seconds: headers round lengths, and encoders pad the last packet. */
 #define SHORTER 1.0
 
 static uint32_t little(const uint8_t *at) {
   return (uint32_t)at[0] | (uint32_t)at[1] << 8 | (uint32_t)at[2] << 16 | (uint32_t)at[3] << 24;
 }
 
-/* The bytes that the chunk "data" of a WAV file claims, and those that are there; *whole: the file is as long as its
- * head says. False: it is no such file. */
+/* The size of the "data" chunk of a WAV file by its header, and the bytes that exist; *whole: the file is as long as
+ * its RIFF header states. Returns false where it is not a WAV file. */
 static bool wav_data(const char *path, uint32_t *claimed, uint64_t *there, bool *whole) {
   uint8_t head[12] = {0};
   bool found = false;
@@ -42,8 +42,8 @@ static bool wav_data(const char *path, uint32_t *claimed, uint64_t *there, bool 
   return found;
 }
 
-/* What is written into a pipe cannot know its size: it claims 0 or the most there is, and goes on to the end of the
- * file. */
+/* A program that writes WAV to a pipe does not know the size: the header claims 0 or UINT32_MAX, and the sound goes on
+ * to the end of the file. */
 ern_status ern_cut_packet(ern_context *context, const char *path, const char *format) {
   uint32_t claimed = 0;
   uint64_t there = 0;
@@ -63,13 +63,13 @@ ern_status ern_cut_packet(ern_context *context, const char *path, const char *fo
 
 enum {
   PAGE_HEAD = 27,
-  MOST_PAGE = PAGE_HEAD + 255 + 255 * 255, /* head, lengths of segments, segments */
-  IS_LAST = 4                              /* of the flags: the page that ends a stream */
+  MOST_PAGE = PAGE_HEAD + 255 + 255 * 255, /* header, lengths of segments, segments */
+  IS_LAST = 4                              /* header flag: the page ends a stream */
 };
 
 enum ogg_end { OGG_ENDS, OGG_GOES_ON, OGG_CUT };
 
-/* What the last page among the last bytes of an Ogg file says. */
+/* Whether the last page in the last bytes of an Ogg file ends the stream. */
 static enum ogg_end end_of_pages(const uint8_t *tail, size_t bytes) {
   for (size_t at = bytes; at-- > 0;) {
     if (bytes - at < 4 || memcmp(tail + at, "OggS", 4) != 0) continue;
@@ -88,7 +88,7 @@ static ern_status check_ogg(ern_context *context, const char *path) {
   uint8_t *tail = NULL;
   enum ogg_end found = OGG_CUT;
   FILE *file = fopen(path, "rb");
-  if (file == NULL) return ERN_OK; /* it was read to its end, and is gone now */
+  if (file == NULL) return ERN_OK; /* the file was read to its end, and deleted since */
   ERN_TRY(ERN_NEW(context, MOST_PAGE, &tail));
   if (fseeko(file, 0, SEEK_END) == 0) {
     const off_t length = ftello(file), begin = length > MOST_PAGE ? length - MOST_PAGE : 0;

@@ -1,17 +1,16 @@
 /* SPDX-License-Identifier: MIT
- * Whether a file was damaged or cut short, which FFmpeg takes as a shorter one. `format`: FFmpeg's name of its
- * container.
- */
+ * Detects files that are damaged or truncated, which FFmpeg reads as shorter files without an error. `format`: FFmpeg's
+ * name of its container. */
 #ifndef ERN_MEDIA_CUT_FILE_H
 #define ERN_MEDIA_CUT_FILE_H
 
 #include "core/status.h"
 
-/* A packet has fewer bytes than its container claims: ERN_E_FORMAT, except where that is the habit of what is written
- * into a pipe. */
+/* Call it where a packet has fewer bytes than its container claims: ERN_E_FORMAT, except for a WAV file that was
+ * written to a pipe, whose header cannot know the size. */
 ERN_NODISCARD ern_status ern_cut_packet(ern_context *context, const char *path, const char *format);
-/* A stream ended after so many seconds; expected: as its header says, 0 where it does not. ERN_E_FORMAT where it should
- * be longer; a warning where the file does not say that it is whole, though its format provides for it. */
+/* Call it where a stream ends. seconds: its length. expected: the length that its header states, 0: none. ERN_E_FORMAT
+ * where it should be longer; logs a warning where the file lacks its format's end marker (Ogg). */
 ERN_NODISCARD ern_status ern_cut_end(ern_context *context, const char *path, const char *format, double seconds,
                                      double expected);
 

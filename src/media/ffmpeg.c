@@ -12,8 +12,8 @@
 #include "media/image.h"
 #include "media/input.h"
 
-/* The codes of FFmpeg's own are far below the operating system's; of those, these four it also uses for its own ends.
- */
+/* Whether an error is the operating system's. FFmpeg's own codes are far below errno's range; it also uses these four
+ * errno values for its own errors. */
 static bool is_of_the_system(int error) {
   return error < 0 && error > -4096 && error != AVERROR(EINVAL) && error != AVERROR(EPERM) &&
          error != AVERROR(ENOSYS) && error != AVERROR(EAGAIN);
@@ -41,7 +41,7 @@ ern_status ern_av_url(ern_context *context, const char *path, char **url) {
   return ERN_OK;
 }
 
-/* A decoder takes memory by what a stream claims, already when it finds out what is in it. */
+/* Limits a decoder's memory: FFmpeg allocates by the size that a stream claims, even while it probes the stream. */
 static const int64_t most_pixels = (int64_t)ERN_IMAGE_MAX_SIDE * ERN_IMAGE_MAX_SIDE;
 
 static int find_streams(AVFormatContext *container) {
@@ -55,7 +55,7 @@ static int find_streams(AVFormatContext *container) {
   return error;
 }
 
-/* All formats but those that name other files, which may be addresses, pipes or lists without an end. */
+/* Allows all formats but those that refer to other files, which may be URLs, pipes or endless lists. */
 static int allow_formats(AVDictionary **options) {
   static const char of_lists[] = "concat,hls,dash,imf,mlv,rtsp,sdp,sap,lavfi,avisynth,vapoursynth";
   void *at = NULL;
@@ -136,7 +136,7 @@ fail:
   return status;
 }
 
-/* Whether the header says all that a decoder of sound needs. */
+/* Whether the header has all parameters that an audio decoder needs. */
 static bool knows_sound(const AVFormatContext *container) {
   for (unsigned i = 0; i < container->nb_streams; i++) {
     const AVCodecParameters *p = container->streams[i]->codecpar;
@@ -186,7 +186,7 @@ fail:
   return status;
 }
 
-/* Hands the codec the next packet of the stream, or the word that there is none. */
+/* Sends the codec the next packet of the stream, or the end of the stream (NULL). */
 static ern_status feed(struct ern_decoder *decoder) {
   ern_context *context = decoder->context;
   AVPacket *packet = decoder->packet;
@@ -242,7 +242,7 @@ ern_status ern_muxer_tag(struct ern_muxer *muxer, const struct ern_provenance_te
   if (texts->xmp == NULL) return ERN_OK;
   int error = av_dict_set(tags, "DigitalSourceType", texts->source_type, 0);
   if (error >= 0) error = av_dict_set(tags, "AIGC", texts->aigc, 0);
-  /* of an mp4 ffmpeg keeps the names of tracks alone, where it copies or encodes it without further words */
+  /* where ffmpeg copies or transcodes an mp4 without options, of these tags it keeps only the track names */
   const bool mp4 = strcmp(muxer->container->oformat->name, "mp4") == 0;
   for (unsigned i = 0; mp4 && error >= 0 && i < muxer->container->nb_streams; i++)
     error = av_dict_set(&muxer->container->streams[i]->metadata, "handler_name", texts->source_type, 0);
@@ -261,8 +261,8 @@ ern_status ern_muxer_end(struct ern_muxer *muxer, const char *xmp) {
     const bool gif = strcmp(muxer->container->oformat->name, "gif") == 0;
     ERN_TRY(gif ? ern_provenance_extension(muxer->context, xmp, &box, &bytes)
                 : ern_provenance_box(muxer->context, xmp, &box, &bytes));
-    const int64_t end = avio_size(io); /* faststart stops behind the head */
-    const int64_t place = end >= 0 ? avio_seek(io, gif ? end - 1 : end, SEEK_SET) : end; /* a trailer of a byte */
+    const int64_t end = avio_size(io); /* faststart leaves the position after the header */
+    const int64_t place = end >= 0 ? avio_seek(io, gif ? end - 1 : end, SEEK_SET) : end; /* a gif's trailer is 1 byte */
     if (place < 0) ERN_TRY(ern_av_fail(muxer->context, ERN_E_IO, muxer->path, "write the tail", (int)place));
     avio_write(io, box, (int)bytes);
   }
@@ -281,7 +281,7 @@ ern_status ern_muxer_encode(struct ern_muxer *muxer, AVCodecContext *codec, AVSt
     if (error < 0) return ern_av_fail(context, ERN_E_MEDIA, muxer->path, "encode", error);
     av_packet_rescale_ts(muxer->packet, codec->time_base, stream->time_base);
     muxer->packet->stream_index = stream->index;
-    error = av_interleaved_write_frame(muxer->container, muxer->packet); /* takes the packet */
+    error = av_interleaved_write_frame(muxer->container, muxer->packet); /* takes ownership of the packet's data */
     if (error >= 0) error = muxer->container->pb->error;
     if (error < 0) return ern_av_fail(context, ERN_E_IO, muxer->path, "write", error);
   }

@@ -61,7 +61,7 @@ ern_status ern_image_check_png_whole(ern_context *context, const char *path) {
     const uint32_t length =
         (uint32_t)head[0] << 24 | (uint32_t)head[1] << 16 | (uint32_t)head[2] << 8 | (uint32_t)head[3];
     ended = headed && memcmp(head + 4, "IEND", 4) == 0;
-    /* the last byte of the checksum tells that the chunk is all there */
+    /* where the last byte of the checksum exists, the chunk is whole */
     if (!headed || length > INT32_MAX || fseek(file, (long)length + 3, SEEK_CUR) != 0 || fgetc(file) == EOF) {
       ERN_TRY(ern_fail(context, ERN_E_FORMAT, "%s: PNG is cut short: the chunk at byte %llu is not whole", path,
                        (unsigned long long)at));

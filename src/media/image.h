@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * What the picture files share: memory for pictures, and the checks of what callers hand over. */
+ * Shared by the code for picture files: memory for pictures, and the checks of pictures and files that callers pass. */
 #ifndef ERN_MEDIA_IMAGE_H
 #define ERN_MEDIA_IMAGE_H
 
@@ -14,16 +14,17 @@ ERN_NODISCARD ern_status ern_image_make(ern_context *context, const char *what, 
 /* ERN_E_SHAPE where a side is not in 1..ERN_IMAGE_MAX_SIDE. */
 ERN_NODISCARD ern_status ern_image_check_sides(ern_context *context, const char *what, int width, int height);
 
-/* ERN_E_ARGUMENT where a picture of the caller's cannot be one. */
+/* ERN_E_ARGUMENT where a picture of the caller is not valid: its sides, channels or data. */
 ERN_NODISCARD ern_status ern_image_check(ern_context *context, const char *what, const ern_image *image);
 
-/* *format: OpenImageIO's name of the format that the file's first bytes tell, "" on failure. Reads the header of PNG,
- * JPEG, GIF and OpenEXR files: ERN_E_SHAPE where it claims a side that is not in 1..ERN_IMAGE_MAX_SIDE, ERN_E_FORMAT
- * where the file is empty or too short for what it claims, or begins as no format that is read. */
+/* *format: OpenImageIO's name of the format, recognised by the file's first bytes; "" on failure. Reads the header of
+ * PNG, JPEG, GIF and OpenEXR files: ERN_E_SHAPE where it claims a side that is not in 1..ERN_IMAGE_MAX_SIDE,
+ * ERN_E_FORMAT where the file is empty or too short for what it claims, or where its first bytes match no supported
+ * format. */
 ERN_NODISCARD ern_status ern_image_check_head(ern_context *context, const char *path, const char **format);
 
-/* ERN_E_FORMAT where the file starts as a PNG and does not go on to its last chunk; anything else is ERN_OK. libpng,
- * under OpenImageIO, prints and leaks on such files, so they are kept from it. */
+/* ERN_E_FORMAT where a PNG file ends before its last chunk; ERN_OK for any other file. libpng, under OpenImageIO,
+ * prints and leaks memory on such files, so this check comes first. */
 ERN_NODISCARD ern_status ern_image_check_png_whole(ern_context *context, const char *path);
 
 #endif

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * Stills through OpenImageIO. No exception and no type of C++ leaves this file. Files are written as bytes in memory
- * first and put in place by io/file, so that a full disk is seen where it happens. */
+ * Reads and writes still pictures through OpenImageIO. No exception and no C++ type leaves this file. A file is encoded
+ * in memory and written by io/file, so that a full disk is reported. */
 #include <OpenImageIO/filesystem.h>
 #include <OpenImageIO/imageio.h>
 #include <cstring>
@@ -21,7 +21,7 @@ extern "C" {
 
 namespace {
 
-/* One line without the text's line ends; "no reason given" where there is none. */
+/* The text as one line, without line breaks; "no reason given" where there is none. */
 std::string one_line(std::string text) {
   for (char &letter : text) {
     if (letter == '\n' || letter == '\r') letter = ' ';
@@ -30,7 +30,7 @@ std::string one_line(std::string text) {
   return text.empty() ? "no reason given" : text;
 }
 
-/* Runs `work` and turns what it throws into a status. */
+/* Runs `work` and turns an exception into a status. */
 template <typename Work>
 ern_status guarded(ern_context *context, const char *path, Work work) {
   try {
@@ -44,7 +44,8 @@ ern_status guarded(ern_context *context, const char *path, Work work) {
   }
 }
 
-/* Of formats that image.h's check of heads does not know: no more than a row of pixels in a byte of the file. */
+/* For formats that ern_image_check_head does not parse: refuses a file that claims more than a row of pixels for each
+ * byte. */
 ern_status check_claim(ern_context *context, const char *path, const OIIO::ImageSpec &spec) {
   const uint64_t most_per_byte = 4 * ERN_IMAGE_MAX_SIDE, bytes = OIIO::Filesystem::file_size(path);
   const uint64_t claimed = static_cast<uint64_t>(spec.width) * static_cast<uint64_t>(spec.height) *
@@ -55,8 +56,8 @@ ern_status check_claim(ern_context *context, const char *path, const OIIO::Image
                   spec.width, spec.height, static_cast<unsigned long long>(bytes));
 }
 
-/* Opens a still by its content and checks what its header says. OpenImageIO would take parts of a name for options or
- * for a video, so the reader is chosen here. Alpha stays as stored: not multiplied into the colours. */
+/* Opens a picture by its content and checks its header. OpenImageIO would parse parts of a name as options or as a
+ * video, so this function chooses the reader. Alpha stays as stored: unassociated. */
 ern_status open_picture(ern_context *context, const char *path, std::unique_ptr<OIIO::ImageInput> &input) {
   const char *format = "";
   ern_status status = ern_input_check(context, path);
@@ -91,7 +92,8 @@ ern_status decode(ern_context *context, const char *path, OIIO::ImageInput &inpu
                   one_line(input.geterror()).c_str());
 }
 
-/* stored -> 3 or 4 channels, by pixel: grey is repeated, alpha is 255 where `alpha` is -1. */
+/* Converts each pixel from `stored` to 3 or 4 channels: grey is repeated; `alpha` is the alpha channel's index, -1:
+ * alpha is 255. */
 void spread(const uint8_t *from, int stored, int alpha, size_t pixels, int channels, uint8_t *to) {
   const int green = stored >= 3 ? 1 : 0, blue = stored >= 3 ? 2 : 0;
   for (size_t i = 0; i < pixels; i++, from += stored, to += channels) {
@@ -125,7 +127,7 @@ bool ends_with(const std::string &text, const char *ending) {
   return text.size() > length && text.compare(text.size() - length, length, ending) == 0;
 }
 
-/* "png", "jpeg", or NULL: by the extension, in any case. */
+/* "png", "jpeg", or NULL: by the extension, ignoring case. */
 const char *format_of(const char *path) {
   std::string lower(path);
   for (char &letter : lower) {
@@ -145,7 +147,7 @@ ern_status encode(ern_context *context, const char *path, const char *format, co
                     one_line(OIIO::geterror()).c_str());
   }
   OIIO::Filesystem::IOVecOutput memory;
-  /* the name picks nothing here; it must not be `path`, whose file is not to be touched yet */
+  /* the name has no effect; it must not be `path`, whose file must stay untouched yet */
   const bool done = output->set_ioproxy(&memory) && output->open(std::string("picture.") + format, spec) &&
                     output->write_image(type, pixels) && output->close();
   if (!done || output->has_error()) {
@@ -187,7 +189,7 @@ ern_status write_floats(ern_context *context, const char *path, const float *dat
     if (std::strcmp(names[i], "Z") == 0) spec.z_channel = i;
   }
   spec.attribute("compression", "zip");
-  spec.attribute("DateTime", "1970:01:01 00:00:00"); /* else the time of day: same picture, same bytes */
+  spec.attribute("DateTime", "1970:01:01 00:00:00"); /* fixed: same picture, same bytes */
   if (xmp != nullptr) spec.attribute("xmp", xmp);
   return encode(context, path, "openexr", spec, OIIO::TypeDesc::FLOAT, data, nullptr);
 }

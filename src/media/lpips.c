@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * LPIPS: the weights of its networks, read as if hostile, and the library that computes with them. */
+ * LPIPS: reads the weights of its networks from untrusted files, and loads the library that computes with them. */
 #include "ernerf/media.h"
 
 #include <dlfcn.h>
@@ -60,7 +60,7 @@ static ern_status read_tensors(ern_context *context, const char *path, struct er
   return status;
 }
 
-/* A tensor of 32-bit floats, all finite, of this shape. */
+/* Reads a tensor; it must have 32-bit floats, all finite, and this shape. */
 static ern_status take(ern_context *context, const char *path, const struct ern_tensor_file *file, const char *name,
                        int dims, const size_t *shape, const float **values) {
   const struct ern_tensor *tensor = ern_tensor_file_find(file, name);
@@ -100,7 +100,7 @@ static ern_status take_layer(ern_context *context, const struct convolution *c, 
   return status;
 }
 
-/* Which of the two: VGG16 begins with windows of 3 x 3. */
+/* Opens AlexNet or VGG16: VGG16's first kernels are 3 x 3. */
 static ern_status open_network(ern_lpips *lpips, const char *const paths[2], const struct ern_tensor_file files[2]) {
   const struct ern_tensor *first = ern_tensor_file_find(&files[0], "features.0.weight");
   const bool is_vgg16 = first != NULL && first->dims == 4 && first->shape[3] == 3;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * A network of the caller's: a file, and the library that computes it. */
+ * A network of the caller: its ONNX file, and the library that runs it. */
 #include <dlfcn.h>
 #include <math.h>
 #include <string.h>
@@ -11,7 +11,7 @@
 #include "io/onnx.h"
 #include "media/vision_library.h"
 
-enum { FILE_LIMIT = INT32_MAX /* of protobuf */ };
+enum { FILE_LIMIT = INT32_MAX /* protobuf's limit */ };
 
 struct ern_network {
   ern_context *context;

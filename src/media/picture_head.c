@@ -1,13 +1,13 @@
 /* SPDX-License-Identifier: MIT
- * What a picture's file claims in its first bytes, before a library of formats sees it and takes memory for it: the
- * sides, and whether the file can hold so many pixels at all. */
+ * Checks the header of a picture file before an image library allocates memory by it: the sides, and whether a file of
+ * this size can hold so many pixels. */
 #include <stdio.h>
 #include <string.h>
 #include <sys/stat.h>
 
 #include "media/image.h"
 
-/* What deflate can make of a byte, at most (zlib's own figure). */
+/* deflate's greatest expansion of a byte (from zlib's documentation). */
 enum { DEFLATE_MOST = 1032 };
 
 struct head {
@@ -39,7 +39,7 @@ static ern_status check_bytes(const struct head *head, uint64_t width, uint64_t 
 
 /* `start`: signature, the first chunk's length and name, and that chunk: IHDR. */
 static ern_status check_png(const struct head *head, const uint8_t *start) {
-  static const uint8_t channels[7] = {1, 0, 3, 1, 2, 0, 4}; /* by colour type; 0: there is none */
+  static const uint8_t channels[7] = {1, 0, 3, 1, 2, 0, 4}; /* by colour type; 0: not valid */
   const uint64_t width = big_endian(start + 16, 4), height = big_endian(start + 20, 4);
   const unsigned depth = start[24], colour = start[25];
   const bool known = (depth == 1 || depth == 2 || depth == 4 || depth == 8 || depth == 16) && colour < 7 &&
@@ -52,8 +52,8 @@ static ern_status check_png(const struct head *head, const uint8_t *start) {
   return check_bytes(head, width, height, height * ((width * channels[colour] * depth + 7) / 8) / DEFLATE_MOST);
 }
 
-/* Goes from segment to segment to the one with the sides. A block of 8 x 8 pixels takes a bit at least, where
- * Huffman's codes are used. What is amiss otherwise is left for the decoder to say. */
+/* Walks the segments to the one with the sides (SOF). A block of 8 x 8 pixels takes at least a bit with Huffman coding.
+ * The decoder reports any other error. */
 static ern_status check_jpeg(const struct head *head) {
   uint8_t part[9];
   for (long at = 2; fseek(head->file, at, SEEK_SET) == 0 && fread(part, 1, 4, head->file) == 4 && part[0] == 0xff;) {
@@ -75,7 +75,7 @@ static ern_status check_jpeg(const struct head *head) {
   return ERN_OK;
 }
 
-/* A text of less than 256 bytes with its 0; -1 where there is none. */
+/* Reads a text of less than 256 bytes up to its 0; -1 on failure. */
 static int read_text(FILE *file, char text[256]) {
   for (int i = 0; i < 256; i++) {
     const int c = fgetc(file);
@@ -99,7 +99,8 @@ static ern_status check_window(const struct head *head) {
   return check_sides(head, side[0] > 0 ? (uint64_t)side[0] : 0, side[1] > 0 ? (uint64_t)side[1] : 0);
 }
 
-/* Of the types that OpenEXR reads by itself, whatever size the file gives; -1: of any size, -2: none of these. */
+/* The size of an attribute of a type that OpenEXR parses itself, whatever size the file states; -1: any size, -2:
+ * another type. */
 static int64_t size_of_type(const char *type) {
   static const struct {
     const char *name;
@@ -117,7 +118,8 @@ static int64_t size_of_type(const char *type) {
   return -2;
 }
 
-/* A list of channels is read up to its end and not by its size. Returns its bytes; 0 where it is cut. */
+/* OpenEXR reads a channel list up to its terminator, not by its stated size. Returns its bytes; 0 where it is
+ * truncated. */
 static uint64_t channels_bytes(FILE *file) {
   char name[256];
   uint64_t bytes = 0;
@@ -135,8 +137,8 @@ static ern_status wrong_exr(const struct head *head, const char *what, const cha
   return ern_fail(head->context, ERN_E_FORMAT, "%s: OpenEXR header: %.40s: %s", head->path, name, what);
 }
 
-/* One flat picture of scan lines. OpenEXR takes memory of any size that its header claims, so each of its attributes is
- * gone through first: name, type, size, and the bytes themselves. */
+/* Allows one flat scan-line picture. OpenEXR allocates any size that the header claims, so this checks each attribute
+ * first: name, type, size, and data. */
 static ern_status check_exr(const struct head *head) {
   char name[256], type[256];
   uint8_t size[4];
@@ -166,11 +168,12 @@ static ern_status check_exr(const struct head *head) {
   }
 }
 
-/* By the first bytes. Readers of the formats below GIF take no memory before their header is checked. */
+/* The format by the first bytes. The readers of the formats after GIF in the table allocate nothing before check_claim
+ * has checked the size. */
 static const char *format_of(const uint8_t *start, size_t count) {
   static const struct {
     const char *start;
-    size_t bytes, least; /* of `start`, and of a file that is looked into */
+    size_t bytes, least; /* of `start`; least size of a file whose header is parsed */
     const char *format;
   } kinds[] = {{"\x89PNG\r\n\x1a\n", 8, 26, "png"},
                {"\xff\xd8", 2, 4, "jpeg"},

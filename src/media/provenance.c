@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * How a file was made: XMP (ISO 16684-1) with IPTC's DigitalSourceType (Photo Metadata Standard 2023.2) and the label
+ * Provenance metadata: XMP (ISO 16684-1) with IPTC's DigitalSourceType (Photo Metadata Standard 2023.2) and the label
  * of GB 45438-2025. */
 #include "media/provenance.h"
 
@@ -11,7 +11,7 @@
 #include "core/sized.h"
 #include "io/file.h"
 
-enum { ESCAPE_MOST = 5 /* bytes that a byte becomes at most */, MOST_ID = 128 };
+enum { ESCAPE_MOST = 5 /* most bytes that escaping makes of a byte */, MOST_ID = 128 };
 
 /* ---- texts ------------------------------------------------------------------------------------------------------- */
 
@@ -20,7 +20,7 @@ static size_t character_bytes(const char *text) {
   const unsigned char *at = (const unsigned char *)text;
   const size_t count = at[0] < 0x80 ? 1 : at[0] < 0xc2 ? 0 : at[0] < 0xe0 ? 2 : at[0] < 0xf0 ? 3 : at[0] < 0xf5 ? 4 : 0;
   for (size_t i = 1; i < count; i++)
-    if ((at[i] & 0xc0) != 0x80) return 0; /* also the text's end */
+    if ((at[i] & 0xc0) != 0x80) return 0; /* also at the text's end */
   const bool is_long = (at[0] == 0xe0 && at[1] < 0xa0) || (at[0] == 0xf0 && at[1] < 0x90);
   const bool beyond = (at[0] == 0xed && at[1] >= 0xa0) || (at[0] == 0xf4 && at[1] >= 0x90);
   return is_long || beyond ? 0 : count;
@@ -36,7 +36,7 @@ static ern_status check_consent(ern_context *context, const char *text) {
   return ERN_OK;
 }
 
-/* Nothing that XML or JSON would have to escape. */
+/* Allows only characters that neither XML nor JSON escapes. */
 static ern_status check_id(ern_context *context, const char *id) {
   const size_t plain = strspn(id, "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789._:-");
   if (id[plain] == 0 && plain <= MOST_ID) return ERN_OK;
@@ -44,7 +44,7 @@ static ern_status check_id(ern_context *context, const char *id) {
                   "provenance: the id is \"%.80s\", expected at most %d of A-Z a-z 0-9 . _ : -", id, MOST_ID);
 }
 
-/* As text of XML. Control characters, which XML lacks, become spaces. */
+/* Escapes text for XML. Control characters, which XML does not allow, become spaces. */
 static void escape(const char *text, char *out) {
   for (; *text != 0; text++) {
     const char letter = (unsigned char)*text < 0x20 || *text == 0x7f ? ' ' : *text;
@@ -144,7 +144,7 @@ static uint32_t crc(const uint8_t *bytes, size_t count) {
   return value ^ 0xffffffffu;
 }
 
-/* An iTXt chunk behind IHDR, which a PNG begins with, or an APP1 segment behind SOI. */
+/* Inserts an iTXt chunk after IHDR, the first chunk of a PNG, or an APP1 segment after SOI of a JPEG. */
 ern_status ern_provenance_insert(ern_context *context, const char *xmp, const uint8_t *bytes, size_t count,
                                  uint8_t **with, size_t *grown) {
   static const char png_head[] = "iTXtXML:com.adobe.xmp\0\0\0\0", jpeg_head[] = "http://ns.adobe.com/xap/1.0/";
@@ -189,8 +189,8 @@ ern_status ern_provenance_box(ern_context *context, const char *xmp, uint8_t **b
 }
 
 ern_status ern_provenance_extension(ern_context *context, const char *xmp, uint8_t **extension, size_t *count) {
-  /* GIF89a, 26; XMP specification, part 3: readers that skip sub-blocks take letters for lengths, and the numbers
-   * behind the packet, 255 down to 0, lead each of them to the end */
+  /* GIF89a, 26; XMP specification, part 3: readers that skip sub-blocks interpret the packet's letters as lengths; the
+   * bytes 255 down to 0 after the packet lead any of them to the end */
   static const char head[] = "\x21\xff\x0bXMP DataXMP";
   enum { HEAD = sizeof head - 1, NUMBERS = 256 };
   const size_t text = strlen(xmp);

@@ -13,13 +13,13 @@ enum { WAV_HEADER_BYTES = 44, WRITE_CHUNK_SAMPLES = 8192 };
 /* Samples of all channels together, 4 GiB: a small file may decode to any length. */
 static const size_t max_samples = (size_t)1 << 31;
 
-/* A sound of unknown length. */
+/* A growing buffer for a sound of unknown length. */
 struct growing {
   ern_sound sound;
-  size_t capacity; /* frames that fit */
+  size_t capacity; /* frames */
 };
 
-/* Room for `more` frames past those that are there. */
+/* Reserves space for `more` frames after the present ones. */
 static ern_status reserve(ern_context *context, const char *path, struct growing *growing, size_t more) {
   ern_sound *sound = &growing->sound;
   const size_t channels = (size_t)sound->channels, most = max_samples / channels;
@@ -45,7 +45,7 @@ static ern_status append(ern_context *context, struct ern_sound_decoder *decoder
   ern_status status = ERN_OK;
   sound->channels = decoder->channels;
   ERN_TRY(reserve(context, decoder->decoder.path, growing, decoder->silence));
-  sound->frames += decoder->silence; /* zeros, as memory is */
+  sound->frames += decoder->silence; /* the memory is zeroed */
   ERN_TRY(reserve(context, decoder->decoder.path, growing, decoder->frames));
   ERN_TRY(ern_sound_decoder_take(decoder, sound->data + sound->frames * (size_t)sound->channels));
   sound->frames += decoder->frames;
@@ -71,7 +71,7 @@ ern_status ern_sound_read(ern_context *context, const char *path, ern_sound *sou
   }
   growing.sound.rate = decoder.rate;
   growing.sound.channels = decoder.channels;
-  ERN_TRY(reserve(context, path, &growing, 0)); /* not one sample: still an array */
+  ERN_TRY(reserve(context, path, &growing, 0)); /* where there are no samples: data is still allocated */
   growing.sound.frames -= decoder.surplus;
   *sound = growing.sound;
   growing.sound.data = NULL;
@@ -85,7 +85,7 @@ static void put_little_endian(uint8_t *to, int bytes, uint32_t value) {
   for (int i = 0; i < bytes; i++) to[i] = (uint8_t)(value >> (8 * i));
 }
 
-/* RIFF, "fmt " (16-bit PCM) and the head of "data". */
+/* Writes the RIFF header, "fmt " (16-bit PCM) and the header of "data". */
 static void make_header(uint8_t header[WAV_HEADER_BYTES], const ern_sound *sound, uint32_t data_bytes) {
   const uint32_t frame_bytes = (uint32_t)sound->channels * 2, rate = (uint32_t)sound->rate;
   memcpy(header, "RIFF    WAVEfmt ", 16);

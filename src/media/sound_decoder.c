@@ -14,11 +14,11 @@ enum {
   MAX_SILENCE = 3600 /* s */,
   MOST_HEARD_HOURS = 4,
   SILENCE_BLOCK = 4096,
-  MOST_TOLD = 10 /* lines of the log */
+  MOST_TOLD = 10 /* log messages */
 };
 
-/* Seconds. A piece that is out of place by less stays where it is: containers round times, and sound that is off by one
- * picture of 25 a second is not seen to be. One that begins so much before the end of the last has a time of its own.
+/* Seconds. A timestamp error below TOLERATED is ignored: containers round times, and an offset of one picture at 25 a
+ * second is not visible. A piece that begins BEGINS_ANEW or more before the end of the last one starts a new time line.
  */
 #define TOLERATED 0.04
 #define BEGINS_ANEW 1.0
@@ -43,9 +43,9 @@ static ern_status take_form(struct ern_sound_decoder *sound, int rate, int chann
   return ern_sound_check_form(sound->decoder.context, sound->decoder.path, rate, channels);
 }
 
-/* The sound may begin after the pictures, or before them, where a part of it is not heard. Its first piece tells where:
- * a decoder gives nothing of its first packets, with which the track begins. A file of sound alone begins with its
- * first piece. */
+/* Aligns the sound's start with the pictures': a later start gives silence, of an earlier one a part is skipped. The
+ * first decoded piece has the start time, as a decoder returns nothing for the track's first packets. A file without
+ * pictures starts with its first piece. */
 static ern_status find_silence(struct ern_sound_decoder *sound) {
   const AVFormatContext *container = sound->decoder.container;
   const AVStream *stream = sound->decoder.stream;
@@ -61,7 +61,7 @@ static ern_status find_silence(struct ern_sound_decoder *sound) {
   return ERN_OK;
 }
 
-/* What is odd about times, in a line of the log; a file may have any number of such places. */
+/* Logs an irregular timestamp, at most MOST_TOLD times a file. */
 static void log_times(struct ern_sound_decoder *sound, const char *what, double from, double to) {
   if (sound->told == MOST_TOLD) return;
   sound->told++;
@@ -75,8 +75,8 @@ static void exchange_frames(struct ern_sound_decoder *sound) {
   sound->ahead = frame;
 }
 
-/* Whether the piece after the one at hand begins where that would end if it were in its place, at `end` seconds: then
- * one time is wrong, and all others are right. */
+/* *fits: whether the piece after the present one begins at `end` seconds, where the present one would end if it were
+ * contiguous. Then only the present timestamp is wrong. */
 static ern_status look_ahead(struct ern_sound_decoder *sound, double end, bool *fits) {
   struct ern_decoder *decoder = &sound->decoder;
   const double length = (double)decoder->frame->nb_samples / sound->rate;
@@ -100,7 +100,7 @@ static ern_status next_piece(struct ern_sound_decoder *sound, bool *end) {
   return ERN_OK;
 }
 
-/* Where the piece at hand begins: after a gap in the track, or before the end of the last piece. */
+/* Handles a present piece that begins after a gap in the track, or before the end of the last piece. */
 static ern_status find_place(struct ern_sound_decoder *sound) {
   const struct ern_decoder *decoder = &sound->decoder;
   const int64_t stamp = decoder->frame->best_effort_timestamp;
@@ -135,7 +135,7 @@ static ern_status find_place(struct ern_sound_decoder *sound) {
   return ERN_OK;
 }
 
-/* From the format of the frame at hand. */
+/* Makes the converter from the present frame's format. */
 static ern_status make_converter(struct ern_sound_decoder *sound) {
   AVChannelLayout layout = {0};
   sound->from = (enum AVSampleFormat)sound->decoder.frame->format;
@@ -150,7 +150,7 @@ static ern_status make_converter(struct ern_sound_decoder *sound) {
              : ern_av_fail(sound->decoder.context, ERN_E_MEDIA, sound->decoder.path, "convert its samples", error);
 }
 
-/* An encoder fills its last packet up to its size; a container that counts in samples tells how many are meant. */
+/* An encoder pads its last packet; a container whose time base is the sample states how many samples are valid. */
 static size_t surplus_of(const struct ern_decoder *decoder) {
   const AVFrame *frame = decoder->frame;
   const AVRational unit = decoder->stream->time_base;
@@ -159,14 +159,14 @@ static size_t surplus_of(const struct ern_decoder *decoder) {
   return (size_t)(frame->nb_samples - frame->pkt_duration);
 }
 
-/* s; 0: the header has none, or it is guessed from a rate of bits. MP4 has a table of its packets, and one that is not
- * there is noticed; its edits may leave out any part of a track. */
+/* The duration in seconds by the header; 0: it has none, or FFmpeg guessed it from the bit rate. Also 0 for MP4: a
+ * missing packet is noticed by its packet table, and its edit list may leave out any part of a track. */
 static double length_by_header(const struct ern_decoder *decoder) {
   const AVFormatContext *container = decoder->container;
   if (container->duration_estimation_method == AVFMT_DURATION_FROM_BITRATE) return 0;
   if (strstr(container->iformat->name, "mp4") != NULL) return 0;
   if (decoder->stream->duration > 0) return (double)decoder->stream->duration * av_q2d(decoder->stream->time_base);
-  /* the longest of its streams, thus of the only one */
+  /* the container's duration is that of its only stream */
   return container->nb_streams == 1 && container->duration > 0 ? (double)container->duration / AV_TIME_BASE : 0;
 }
 
@@ -239,7 +239,7 @@ struct hearing {
   void *user;
   float *samples; /* [capacity][channels]: the piece that was decoded last */
   size_t capacity;
-  size_t waiting; /* of its frames; handed on when it is known whether it is the last, whose padding is left out */
+  size_t waiting; /* frames of it that are not passed on yet: the last piece's padding is left out */
   uint64_t frames;
 };
 
@@ -266,7 +266,7 @@ static ern_status give_silence(struct hearing *hearing) {
   return status;
 }
 
-/* The piece that was decoded last becomes the one that waits. */
+/* Stores the last decoded piece as the waiting one. */
 static ern_status take_piece(struct hearing *hearing) {
   struct ern_sound_decoder *sound = &hearing->sound;
   const size_t count = sound->frames;

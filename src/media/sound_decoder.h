@@ -11,17 +11,17 @@ struct ern_sound_decoder {
   struct ern_decoder decoder;
   enum AVSampleFormat format; /* wanted: interleaved */
   SwrContext *convert;        /* NULL before the first piece */
-  enum AVSampleFormat from;   /* that the file's samples have now */
+  enum AVSampleFormat from;   /* the sample format that the decoder returns now */
   int rate, channels;         /* of the first piece, or of the header where the file ends before one */
-  size_t silence;             /* frames before the piece that was decoded last: the file begins, or has a gap, there */
-  size_t skip;                /* frames at its start that the piece before it had already */
-  size_t frames;              /* of it, without these */
-  size_t surplus;             /* of these, at their end: padding, if the piece is the file's last */
-  double begin;               /* s: the file's time of frame 0 */
+  size_t silence; /* silent frames to insert before the last decoded piece, where the file starts late or has a gap */
+  size_t skip;    /* frames at the start of that piece that overlap the piece before it */
+  size_t frames;  /* of that piece, without `skip` */
+  size_t surplus; /* the last of `frames`: padding, if the piece is the file's last */
+  double begin;   /* s: the file's time of frame 0 */
   bool has_begin;
-  uint64_t position; /* frames so far, silence too */
-  int told;          /* lines of the log about odd times */
-  AVFrame *ahead;    /* the piece after the last one, where that had to be known */
+  uint64_t position; /* frames so far, with silence */
+  int told;          /* warnings logged about irregular timestamps */
+  AVFrame *ahead;    /* the piece after the last one, where its timestamp was needed */
   bool has_ahead, ends_ahead;
 };
 
@@ -30,16 +30,16 @@ ERN_NODISCARD ern_status ern_sound_check_form(ern_context *context, const char *
 
 ERN_NODISCARD ern_status ern_sound_decoder_open(ern_context *context, const char *path, enum AVSampleFormat format,
                                                 struct ern_sound_decoder *sound);
-/* Decodes the next piece; *end where there is none. ERN_E_UNSUPPORTED where rate or channels change. */
+/* Decodes the next piece; *end is set where there is none. ERN_E_UNSUPPORTED where rate or channels change. */
 ERN_NODISCARD ern_status ern_sound_decoder_next(struct ern_sound_decoder *sound, bool *end);
-/* The piece that was decoded last, [frames][channels] of the wanted format; once for each piece. */
+/* Converts the last decoded piece into samples[frames][channels] of `format`. Call it once for each piece. */
 ERN_NODISCARD ern_status ern_sound_decoder_take(struct ern_sound_decoder *sound, void *samples);
 void ern_sound_decoder_close(struct ern_sound_decoder *sound); /* accepts a zeroed one */
 
-/* Takes a part of a sound: samples[frames][channels], full scale is 1. */
+/* Receives a part of a sound: samples[frames][channels], full scale is 1. */
 typedef ern_status ern_sound_taker(void *user, int rate, int channels, const float *samples, size_t frames);
-/* Hands over the whole sound of a file, without the padding of its last piece. ERN_E_SHAPE where there are no samples,
- * or more than 4 hours. */
+/* Passes the whole sound of a file to `take` part by part, without the padding of its last piece. ERN_E_SHAPE where
+ * there are no samples, or more than 4 hours. */
 ERN_NODISCARD ern_status ern_sound_decode(ern_context *context, const char *path, ern_sound_taker *take, void *user);
 
 #endif

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * Networks that make speech features: a file, its description, and the library that computes it. */
+ * Networks that compute speech features: the ONNX file, its description, and the library that runs it. */
 #include "media/speech_network.h"
 
 #include <dlfcn.h>
@@ -11,7 +11,7 @@
 #include "io/onnx.h"
 #include "media/vision_library.h"
 
-enum { FILE_LIMIT = INT32_MAX /* of protobuf */, DESCRIPTION_LIMIT = 1 << 16 };
+enum { FILE_LIMIT = INT32_MAX /* protobuf's limit */, DESCRIPTION_LIMIT = 1 << 16 };
 
 /* ---- the description --------------------------------------------------------------------------------------------- */
 

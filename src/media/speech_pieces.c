@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * Speech features by a network: a sound in pieces of fixed length, their rows joined, rows to windows. */
+ * Speech features by a network: it cuts a sound into pieces of fixed length, joins their rows, and makes windows of the
+ * rows. */
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -11,9 +12,9 @@
 
 enum { ROWS_A_SECOND = 50, WINDOW = 16, BEFORE = 8 };
 
-/* A sound in pieces. Row r begins at sample r hop. A piece gives R rows, of which `left` are context; where the sound
- * goes on it gives `keep`, where it ends all that are left. The last piece begins so much earlier that it ends with the
- * sound: what a network makes of zeros in their place goes into the rows before them. */
+/* How a sound is cut into pieces. Row r begins at sample r hop. The network gives R rows for a piece, of which the
+ * first `left` are context; `keep` rows of a piece are used, of the last piece all that remain. The last piece begins
+ * earlier, so that it ends with the sound: zeros after the sound would change the rows before them. */
 struct plan {
   size_t hop, piece, left, all, keep; /* samples; samples; rows: of context, of a piece (R), of a piece that is kept */
   size_t samples, rows;               /* of the sound */
@@ -30,19 +31,20 @@ static struct plan plan_of(const struct ern_speech_description *d, size_t sample
   return p;
 }
 
-/* Whether the sound ends within the piece of row `done`; as in the public wav2vec.py, a hop that has begun is whole. */
+/* Whether the sound ends within the piece of row `done`. As in the public wav2vec.py, a partial hop counts as a whole
+ * one. */
 static bool is_last(const struct plan *p, size_t done) {
   const size_t begun = (p->samples + p->hop - 1) / p->hop * p->hop; /* samples */
   return begun + p->left * p->hop < done * p->hop + p->piece;
 }
 
-/* Rows that the piece of row `done` gives. */
+/* Rows that are used of the piece of row `done`. */
 static size_t rows_given(const struct plan *p, size_t done) {
   const size_t given = is_last(p, done) ? p->all - p->left : p->keep, missing = p->rows - done;
   return given < missing ? given : missing;
 }
 
-/* Rows by which it begins earlier. */
+/* Rows by which the last piece begins earlier. */
 static size_t rows_back(const struct plan *p, size_t done) {
   if (!is_last(p, done)) return 0;
   const size_t back = (done * p->hop + p->piece - p->left * p->hop - p->samples) / p->hop;
@@ -65,7 +67,8 @@ static void normalise(float *x, size_t count) {
   for (size_t i = 0; i < count; i++) x[i] = (float)(((double)x[i] - mean) * scale);
 }
 
-/* The samples of a piece: zeros before the sound, which count in its mean, and after it, which do not. */
+/* The samples of a piece: zeros before the sound, which count in the normalisation's mean, and after it, which do not.
+ */
 static void cut_piece(const struct plan *p, const float *wave, size_t done, bool normal, float *piece) {
   const size_t first = (done - rows_back(p, done)) * p->hop,
                context = p->left * p->hop, /* sample i is that of first - context + i */
@@ -141,7 +144,7 @@ fail:
   return status;
 }
 
-/* Window t is rows 2t-8 .. 2t+7, zeros past the ends: as many as wav2vec.py makes. */
+/* Window t is rows 2t-8 .. 2t+7, zeros past the ends; the number of windows is that of wav2vec.py. */
 static ern_status make_windows(ern_speech_network *n, const float *row, size_t rows, ern_features *features) {
   const size_t width = (size_t)n->description.width;
   features->windows = rows / 2 + 1;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * Speech features from sound as it comes: to 16 kHz mono, then row by row. */
+ * Speech features of live sound: resamples it to 16 kHz mono, then computes row by row. */
 #include <libavutil/channel_layout.h>
 #include <libswresample/swresample.h>
 #include <math.h>
@@ -18,15 +18,15 @@ struct ern_speech_stream {
   int rate, channels;
   struct ern_cepstra *cepstra;
   SwrContext *resampler;
-  float *block; /* [block_frames] mono, at the sound's rate: it is converted in pieces of this size alone, */
-  size_t block_frames, filled;    /* so that the rows do not depend on how the sound was cut */
-  float frame[ERN_CEPSTRA_FRAME]; /* the samples of the next row, as far as they are there */
-  size_t waiting;                 /* that many */
-  float *row;                     /* [row_capacity][13]: made and not yet pulled */
+  float *block; /* [block_frames] mono, at the sound's rate: the resampler gets only blocks of this size, */
+  size_t block_frames, filled;    /* so that the rows do not depend on how the caller cut the sound */
+  float frame[ERN_CEPSTRA_FRAME]; /* the first `waiting` samples of the next row */
+  size_t waiting;                 /* samples in `frame` */
+  float *row;                     /* [row_capacity][13]: computed and not yet pulled */
   size_t rows, row_capacity;
-  uint64_t pushed, made; /* frames in; rows */
+  uint64_t pushed, made; /* frames pushed; rows computed */
   bool ended;
-  ern_status failed; /* of a call that left the stream without some of its rows */
+  ern_status failed; /* the error of a call after which rows are missing */
 };
 
 static ern_status make_resampler(ern_speech_stream *s) {
@@ -95,7 +95,7 @@ static ern_status make_row(ern_speech_stream *s) {
   return ERN_OK;
 }
 
-/* Samples at 16 kHz. */
+/* Takes samples at 16 kHz. */
 static ern_status take_samples(ern_speech_stream *s, const float *samples, size_t count) {
   while (count > 0) {
     const size_t left = ERN_CEPSTRA_FRAME - s->waiting, part = count < left ? count : left;
@@ -110,7 +110,7 @@ static ern_status take_samples(ern_speech_stream *s, const float *samples, size_
   return ERN_OK;
 }
 
-/* Converts the block, or with none what the resampler still holds. */
+/* Resamples the block; count 0: flushes the resampler. */
 static ern_status resample(ern_speech_stream *s, size_t count) {
   float out[1024];
   const uint8_t *from = (const uint8_t *)s->block;
@@ -167,7 +167,7 @@ ern_status ern_speech_stream_end(ern_speech_stream *stream) {
   if (s->filled > 0) ERN_TRY(resample(s, s->filled));
   s->ended = true;
   ERN_TRY(resample(s, 0));
-  /* one row for each 20 ms that have begun */
+  /* one row for each 20 ms begun */
   const uint64_t samples = (s->pushed * ERN_CEPSTRA_RATE + (uint64_t)s->rate - 1) / (uint64_t)s->rate,
                  rows = (samples + ERN_CEPSTRA_HOP - 1) / ERN_CEPSTRA_HOP;
   while (s->made < rows) ERN_TRY(take_samples(s, zeros, ERN_CEPSTRA_FRAME - s->waiting));

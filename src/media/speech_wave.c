@@ -37,7 +37,7 @@ static ern_status append(struct wave *wave, const float *samples, size_t count) 
   return ERN_OK;
 }
 
-/* Converts a block, or where it is NULL what the resampler still holds. */
+/* Resamples a block; NULL: flushes the resampler. */
 static ern_status resample(struct wave *wave, const float *block, size_t count) {
   float out[BLOCK];
   const uint8_t *from = (const uint8_t *)block;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * Resampling by OpenCV. No exception and no type of C++ leaves this file. */
+ * Resampling by OpenCV. No exception and no C++ type leaves this file. */
 #include <exception>
 #include <new>
 #include <opencv2/imgproc.hpp>

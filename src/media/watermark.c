@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * The watermark's pattern, from a key to frames. Integers alone, so that it is the same bytes on each machine. */
+ * Makes the watermark's pattern from a key and adds it to frames. It uses integers only, so that the pattern is the
+ * same on every machine. */
 #include "media/watermark.h"
 
 #include <stdio.h>
@@ -45,7 +46,7 @@ ern_status ern_watermark_code_make(ern_context *context, const char *key, struct
                     bytes == 0 ? "0" : "too many", ERN_WATERMARK_KEY_BYTES - 1);
   char text[ERN_WATERMARK_KEY_BYTES + 64], hex[65];
   enum { DIGITS = 64 };
-  for (size_t k = 0; k < WAVES; k += 2) { /* a hex digit: two waves */
+  for (size_t k = 0; k < WAVES; k += 2) { /* a hex digit has the bits of two waves */
     const size_t digit = k / 2 % DIGITS;
     if (digit == 0) {
       const int length = snprintf(text, sizeof text, "libernerf watermark 1:%zu:%s", k / 2 / DIGITS, key);
@@ -62,7 +63,8 @@ ern_status ern_watermark_code_make(ern_context *context, const char *key, struct
 
 /* ---- the tile ---------------------------------------------------------------------------------------------------- */
 
-/* cosine[i] = ONE cos(2 pi i/TILE), by turning a unit vector on by a TILE-th; its error after all is below 2^-20. */
+/* cosine[i] = ONE cos(2 pi i/TILE), by rotating a unit vector TILE times by 2 pi/TILE; the accumulated error is below
+ * 2^-20. */
 static void fill_cosines(int32_t cosine[TILE]) {
   const int64_t unit = (int64_t)1 << 30, c = 1073660973, s = 13176464; /* 2^30 times cosine, sine of 2 pi/512 */
   int64_t x = unit, y = 0;
@@ -116,7 +118,8 @@ static void make_tile(const struct ern_watermark_code *code, int64_t *sums, int1
 
 /* ---- frames ------------------------------------------------------------------------------------------------------ */
 
-/* Where the middle of pixel i lies in the tile, in 1/GREY of its unit: between tile[*at] and the one after it. */
+/* The position of pixel i's centre in the tile: between tile samples at[0] and at[1], *share (in 1/GREY) from the
+ * first. */
 static void place(int i, int side, int at[2], int *share) {
   const int64_t shift = (int64_t)TILE * GREY;
   const int64_t where = ((2 * (int64_t)i + 1) * TILE * GREY / (2 * (int64_t)side) - GREY / 2 + shift) % shift;
@@ -125,7 +128,7 @@ static void place(int i, int side, int at[2], int *share) {
   *share = (int)(where % GREY);
 }
 
-/* The tile, repeated, by linear interpolation. */
+/* Fills the plane with the repeated tile, by linear interpolation. */
 static void fill_plane(const int16_t *tile, int8_t *plane, int width, int height) {
   const int side = width < height ? width : height;
   for (int y = 0; y < height; y++) {

@@ -1,13 +1,14 @@
 /* SPDX-License-Identifier: MIT
- * The watermark's pattern, between those who put it on frames and those who search for it (docs/watermark.md). */
+ * The watermark's pattern, shared by the code that embeds it and the code that detects it (docs/watermark.md). */
 #ifndef ERN_MEDIA_WATERMARK_H
 #define ERN_MEDIA_WATERMARK_H
 
 #include "core/status.h"
 #include "ernerf/media.h"
 
-/* Unit of length: a TILE-th of the shorter side; the pattern has that side as its period. A wave (x, y) has x periods a
- * tile to the right and y down, LOW to HIGH in length, x > 0, or x = 0 and y > 0: one of each pair of opposite ones. */
+/* Unit of length: 1/TILE of the shorter side; that side is the period of the pattern. Wave (x, y) has x periods a tile
+ * to the right and y down. Its length (frequency) is LOW to HIGH. x > 0, or x = 0 and y > 0: one of each pair of
+ * opposite waves. */
 enum { ERN_WATERMARK_TILE = 512, ERN_WATERMARK_LOW = 24, ERN_WATERMARK_HIGH = 64, ERN_WATERMARK_WAVES = 5532 };
 
 /* The waves in the order of a code: by x, then by y. */
@@ -24,11 +25,13 @@ struct ern_watermark_code {
 ERN_NODISCARD ern_status ern_watermark_code_make(ern_context *context, const char *key,
                                                  struct ern_watermark_code *code);
 
-/* Scales that a search tries: 1.005^i, i from -SCALES/2 to SCALES/2. CELLS: samples a tile side, and offsets. */
+/* Scales that a search tries: 1.005^i, i from -SCALES/2 to SCALES/2. CELLS: samples, and offsets tried, a tile side.
+ * LEAST: the smallest picture. */
 enum { ERN_WATERMARK_SCALES = 89, ERN_WATERMARK_CELLS = 256, ERN_WATERMARK_LEAST = 64 /* pixels a side */ };
 double ern_watermark_scale(int index);
 
-/* The picture's waves at a scale, [WAVES][2]: a unit complex number each, or 0 where the picture has nothing of it. */
+/* The picture's waves at a scale, [WAVES][2]: a unit complex number each, or 0 where the picture does not have the
+ * wave. */
 typedef float ern_watermark_spectrum[ERN_WATERMARK_WAVES][2];
 
 /* By OpenCV. mean: [height][width], 0..255; both sides at least LEAST. spectra: [count], of scales[count]. */

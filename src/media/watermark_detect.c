@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * The search for a watermark in the mean of a video's frames. */
+ * Detects a watermark in the mean of a video's frames. */
 #include <math.h>
 
 #include "core/floats.h"
@@ -7,7 +7,7 @@
 #include "media/image.h"
 #include "media/watermark.h"
 
-enum { SCALES = ERN_WATERMARK_SCALES, MOST_FRAMES = 1 << 24 /* 255 times as many fit in 32 bits */ };
+enum { SCALES = ERN_WATERMARK_SCALES, MOST_FRAMES = 1 << 24 /* 255 times this fits in 32 bits */ };
 
 struct ern_watermark_detector {
   ern_context *context;

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * A picture's waves, and their correlation with a watermark's, by OpenCV. No exception and no type of C++ leaves this
- * file. */
+ * Computes the spectrum of a picture at the watermark's waves, and its correlation with a code, by OpenCV. No exception
+ * and no C++ type leaves this file. */
 #include <algorithm>
 #include <cmath>
 #include <exception>
@@ -17,12 +17,12 @@ constexpr int cells = ERN_WATERMARK_CELLS, waves = ERN_WATERMARK_WAVES;
 
 int odd(int length, int least) { return std::max(length / 2 * 2 + 1, least); }
 
-/* What the pattern changes, freed of the picture as far as can be: what is left after a blur of about the longest wave
- * is taken away, over its local RMS (sides in parts of the shorter side), limited to -1..1, so that edges do not
- * outweigh the rest. The shorter side becomes at most that of the smallest scale's grid. */
+/* Suppresses the picture's content (whitening): subtracts a blur of about the longest wave, divides by the local RMS
+ * (sizes relative to the shorter side), and clamps to -1..1, so that edges do not dominate. The shorter side becomes at
+ * most that of the smallest scale's grid. */
 cv::Mat flatten(const cv::Mat &mean) {
   constexpr double blur = 0.03, neighbourhood = 0.083;
-  constexpr float least = 0.3F; /* of 255: the rounding of 8 bits */
+  constexpr float least = 0.3F; /* of 255: rounding noise of 8 bits */
   const int side = std::min(mean.cols, mean.rows), most = (int)std::ceil(cells / ern_watermark_scale(0));
   const cv::Size window(odd((int)(blur * side), 5), odd((int)(blur * side), 5));
   const cv::Size around(odd((int)(neighbourhood * side), 7), odd((int)(neighbourhood * side), 7));
@@ -42,7 +42,8 @@ cv::Mat flatten(const cv::Mat &mean) {
   return small;
 }
 
-/* The picture on a grid of `cells` to scale times its shorter side, repeated parts added up. */
+/* Folds the picture onto one period: a grid of `cells` cells, which spans scale times the shorter side; repeated parts
+ * are added up. */
 cv::Mat fold(const cv::Mat &flat, double scale) {
   const double step = scale * std::min(flat.cols, flat.rows) / cells; /* pixels a cell */
   const int width = (int)std::ceil(flat.cols / step), height = (int)std::ceil(flat.rows / step);
@@ -85,7 +86,7 @@ double peak(const struct ern_watermark_waves &list, const ern_watermark_spectrum
   if (there == 0) return 0;
   double greatest = 0;
   cv::dft(product, sums, cv::DFT_INVERSE | cv::DFT_REAL_OUTPUT);
-  cv::minMaxLoc(sums, nullptr, &greatest); /* twice the real part, as both of a pair are there */
+  cv::minMaxLoc(sums, nullptr, &greatest); /* twice the real part: the sum has both waves of a pair */
   return std::max(greatest / 2 * std::sqrt(2.0 / there), 0.0);
 }
 

@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: MIT
- * Sums in a fixed order, and what else a training asks of the other processes, over MPI 3.
+ * The communicator of training over MPI 3: sums in a fixed order, and the other operations.
  *
- * A sum halves what each process has at every level of the tree, then hands the halves back (Rabenseifner 2004,
- * "Optimization of Collective Reduction Operations"): a process sends 2 (size - 1)/size of the values, without those
- * that are 0. MPI_Allreduce would be free to choose the order. Nothing blocks in MPI: waits poll, so that they leave
- * the processor to others and can be given up. */
+ * A sum uses recursive halving, then recursive doubling (Rabenseifner 2004, "Optimization of Collective Reduction
+ * Operations"): a process sends 2 (size - 1)/size of the values, without those that are 0. MPI_Allreduce would be free
+ * to choose the order of summation. No MPI call blocks: waits poll, so that they yield the processor and can be
+ * abandoned. */
 #include "mpi/mpi_world.h"
 
 #include <limits.h>
@@ -17,15 +17,15 @@
 #include <time.h>
 
 enum { SPINS = 200, MOST_LEVELS = 16, MOST_REQUESTS = 4, VALUES_TAG = 1, FIGURES_TAG = 2 };
-static const double give_up_seconds = 0.3;      /* mpirun kills 1 s after it has asked to end */
+static const double give_up_seconds = 0.3;      /* mpirun kills 1 s after its request to end */
 static const double leave_seconds[2] = {2, 10}; /* of rank 0, and of others: it may have to save */
 
 struct own {
   MPI_Comm all, leaving;
   bool (*interrupted)(void);
-  bool given_up; /* a message may still be under way */
+  bool given_up; /* a message may still be in transit */
   int rank, size;
-  unsigned char *out, *in; /* [capacity]: packed values that this process sends, and that another one sent */
+  unsigned char *out, *in; /* [capacity]: packed values to send, and received from another process */
   size_t capacity;
   double *figures;
   size_t figure_count;
@@ -72,12 +72,12 @@ static ern_status wait_for(struct own *own, int count, MPI_Request *requests, co
 
 /* ---- values without zeros ---------------------------------------------------------------------------------------- */
 
-/* Of each GROUP values a word of bits, bit j for value j, and the values whose bit is set: those that are not +0. A
- * step reaches a third of a table (docs/scaling.md), and what is left out is added as +0, so that no bit of a sum
- * differs. */
+/* Sparse encoding: each GROUP of values has a bit mask, bit j for value j, followed by the values whose bit is set,
+ * those that are not +0. A step reaches a third of a table (docs/scaling.md). The receiver adds +0 for a value that was
+ * left out, so the sum is bit-identical. */
 enum { GROUP = 64 };
 
-/* Bytes of `count` values at most, with room to read one value more. */
+/* The most bytes that `count` packed values take, with room to read one value more. */
 static size_t packed_most(size_t count) { return (count + 1) * sizeof(float) + (count / GROUP + 1) * sizeof(uint64_t); }
 
 /* Returns the number of bytes. */
@@ -102,7 +102,7 @@ static size_t pack(unsigned char *to, const float *values, size_t count) {
   return (size_t)(to - begin);
 }
 
-/* add: to what is there, else in its place. */
+/* add: adds to the present values; else overwrites them. */
 static void unpack(float *to, const unsigned char *from, size_t count, bool add) {
   for (size_t i = 0; i < count; i += GROUP) {
     const size_t n = count - i < GROUP ? count - i : GROUP;
@@ -148,8 +148,8 @@ struct half {
   size_t begin, count;
 };
 
-/* Sends `sent` of the values and receives `back` of another process, as `add` says; figures both ways where
- * figure_count > 0. */
+/* Sends the range `sent` of the values and receives the range `back` from another process, which is added where `add`
+ * is set. Exchanges the figures where figure_count > 0. */
 static ern_status exchange(struct own *own, int partner, float *values, struct half sent, struct half back, bool add,
                            double *figures, size_t figure_count, char words[ERN_COMMUNICATOR_WORDS]) {
   MPI_Request requests[MOST_REQUESTS];
@@ -169,7 +169,7 @@ static ern_status exchange(struct own *own, int partner, float *values, struct h
   return status;
 }
 
-/* a + b is b + a to the bit, so that each element is summed as the tree says wherever it is summed. */
+/* a + b is bit-identical to b + a, so each element is summed in the tree's order on any process. */
 static ern_status sum(void *user, float *values, size_t count, double *figures, size_t figure_count,
                       char words[ERN_COMMUNICATOR_WORDS]) {
   struct own *own = user;
@@ -264,7 +264,7 @@ static ern_status open_world(struct ern_mpi_world *world, bool (*interrupted)(vo
   return ERN_OK;
 }
 
-/* Whether all processes came here in time. One that has given up only waits, for rank 0 may still save. */
+/* Whether all processes arrive here in time. A process that has given up only waits, as rank 0 may still save. */
 static bool all_leave(struct own *own) {
   MPI_Request request = MPI_REQUEST_NULL;
   int done = 0;

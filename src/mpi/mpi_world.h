@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
- * libernerf-mpi: the processes that mpirun starts as an ern_communicator. The program opens it when mpirun started it,
- * so that nobody else loads MPI. It needs nothing of libernerf: an error is a status and words. */
+ * libernerf-mpi: an ern_communicator over the processes that mpirun started (MPI_COMM_WORLD). The program loads it only
+ * where mpirun started it, so that other runs do not load MPI. It does not depend on libernerf: it reports an error as
+ * a status and a text. */
 #ifndef ERN_MPI_WORLD_H
 #define ERN_MPI_WORLD_H
 
@@ -10,25 +11,25 @@
 extern "C" {
 #endif
 
-/* What a process knows of the others. */
+/* A process's view of the other processes. */
 struct ern_mpi_world {
   ern_communicator communicator;
-  int place; /* of this process among those of its machine, from 0 */
+  int place; /* rank of this process among those of its machine, from 0 (local rank) */
 };
 
 /* The functions of the library. */
 struct ern_mpi {
   const char *version; /* of the library: "0.1.0" */
   const char *mpi;     /* "Open MPI v4.1.4, ..." */
-  /* Once a process, before anything else of MPI (MPI_Init). interrupted: asked while this process waits for others;
-   * true: the wait goes on for a moment and is then given up. */
+  /* Call it once a process, before any other MPI call (MPI_Init). interrupted: polled while this process waits for
+   * others; where it returns true, the wait continues for a moment and then ends. */
   ern_status (*open)(struct ern_mpi_world *world, bool (*interrupted)(void), char words[ERN_COMMUNICATOR_WORDS]);
-  /* After success all processes end together. A process that failed gives the others some seconds to fail likewise,
-   * and to save what they have, then has mpirun end them (MPI_Abort), and does not return. */
+  /* After success all processes end together (MPI_Finalize). A process that failed waits some seconds, in which the
+   * others can fail too and save their work. Then it makes mpirun end them (MPI_Abort) and does not return. */
   void (*close)(struct ern_mpi_world *world, int exit_status);
 };
 
-/* The one symbol. */
+/* The only exported symbol. */
 extern ERN_API const struct ern_mpi ern_mpi;
 
 #ifdef __cplusplus

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * The network of perceptual.h by oneDNN, on the CPU. Features lie as [height][width][channels] between layers. No
- * exception and no type of C++ leaves this file. */
+ * The network of perceptual.h by oneDNN, on the CPU. Features between layers are [height][width][channels] (NHWC). No
+ * exception and no C++ type leaves this file. */
 #include <cmath>
 #include <cstdio>
 #include <exception>
@@ -12,7 +12,7 @@
 
 #include "perceptual/perceptual.h"
 
-/* Of the OpenMP that oneDNN was built with, if it was. */
+/* Functions of the OpenMP runtime, NULL where oneDNN was built without OpenMP. */
 extern "C" __attribute__((weak)) void omp_set_num_threads(int);
 extern "C" __attribute__((weak)) int omp_get_max_threads(void);
 
@@ -42,7 +42,7 @@ struct Stage {
   dnnl::pooling_backward pool_bwd;
   dnnl::convolution_forward convolution;
   dnnl::convolution_backward_data convolution_bwd;
-  memory weight, weight_bwd, bias; /* in the orders that the two want */
+  memory weight, weight_bwd, bias; /* in the memory formats of forward and backward */
   memory::desc workspace;
   int height = 0, width = 0; /* of its features */
 
@@ -94,7 +94,7 @@ Stage::Stage(const Layer &layer, int in_height, int in_width, const dnnl::engine
   bias = memory(bias_desc, engine, const_cast<float *>(layer.bias.data()));
 }
 
-/* What one picture leaves at a layer. */
+/* The stored values of one picture at a layer. */
 struct Activation {
   memory pooled, workspace, out;
 };
@@ -108,8 +108,8 @@ double inverse_norm(const float *f, size_t channels) {
   return 1 / (std::sqrt(sum) + least_norm);
 }
 
-/* The layer's part of the distance; slope, where wanted: its derivative by f. With u = f/n, n = |f| + 1e-10, and
- * e_c = 2 w_c (u_c - v_c): df_c = (e_c - u_c sum_k e_k f_k/|f|)/n. A pixel without features has none. */
+/* Returns the layer's part of the distance; slope (NULL: not wanted) = its derivative by f. With u = f/n, n = |f| +
+ * 1e-10, and e_c = 2 w_c (u_c - v_c): df_c = (e_c - u_c sum_k e_k f_k/|f|)/n. A pixel without features has none. */
 double compare(const Layer &layer, const memory &picture, const memory &truth, float *slope) {
   const size_t channels = layer.head.size(), pixels = count_of(picture) / channels;
   double sum = 0;
@@ -142,7 +142,7 @@ struct ern_perceptual_network {
   std::vector<Layer> layers;
   dnnl::engine engine{dnnl::engine::kind::cpu, 0};
   dnnl::stream stream{engine};
-  int height = 0, width = 0; /* that the stages are of */
+  int height = 0, width = 0; /* that the stages are made for */
   std::vector<Stage> stages;
 
   void prepare(int new_height, int new_width);
@@ -190,7 +190,7 @@ Activation ern_perceptual_network::forward(const Stage &stage, memory &in) {
   return a;
 }
 
-/* From the gradient of a layer's features to that of what came in. dout: overwritten */
+/* Backward pass from the gradient of a layer's features to that of its input. dout: overwritten */
 memory ern_perceptual_network::backward(const Stage &stage, const Activation &activation, const memory &dout) {
   for (size_t i = 0; i < count_of(dout); i++)
     if (!(data_of(activation.out)[i] > 0)) data_of(dout)[i] = 0;
@@ -240,8 +240,8 @@ namespace {
 
 void put(char words[ERN_PERCEPTUAL_WORDS], const char *text) { std::snprintf(words, ERN_PERCEPTUAL_WORDS, "%s", text); }
 
-/* One thread, in this scope: oneDNN's others wait by spinning, which slows down whoever shares the cores, and sums
- * would depend on their number. */
+/* Limits OpenMP to one thread in this scope: oneDNN's idle threads spin, which slows down other work on the cores, and
+ * sums would depend on the number of threads. */
 class OneThread {
  public:
   OneThread() : before_(omp_get_max_threads != nullptr ? omp_get_max_threads() : 1) { set(1); }
@@ -256,7 +256,7 @@ class OneThread {
   int before_;
 };
 
-/* Runs `work`; what it throws becomes a status and words. */
+/* Runs `work`; turns an exception into a status and an error text. */
 template <typename Work>
 ern_status guarded(char words[ERN_PERCEPTUAL_WORDS], const Work &work) {
   const OneThread one;

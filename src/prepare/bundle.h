@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * Bundle adjustment of a rigid head (Triggs et al., "Bundle Adjustment - A Modern Synthesis", 2000): poses and points
- * that explain where the points are seen. */
+ * Bundle adjustment of a rigid head (Triggs et al., "Bundle Adjustment - A Modern Synthesis", 2000): it finds the poses
+ * and points that minimise the reprojection error. */
 #ifndef ERN_PREPARE_BUNDLE_H
 #define ERN_PREPARE_BUNDLE_H
 
@@ -10,8 +10,8 @@
 extern "C" {
 #endif
 
-/* A head pose as bundle adjustment moves it: rotation vector (radians; its norm is the angle) and translation, metres,
- * of X_camera = R X_head + t (prepare_job.h). */
+/* A head pose as parameters of the bundle adjustment: rotation vector (radians; its norm is the angle) and translation,
+ * metres, of X_camera = R X_head + t (prepare_job.h). */
 struct ern_bundle_pose {
   double values[6];
 };
@@ -20,12 +20,12 @@ void ern_bundle_pose_to(const struct ern_bundle_pose *bundle, struct ern_head_po
 
 struct ern_sighting {
   uint32_t point;
-  float share; /* 0..1: times the point's weight, how much it counts */
+  float share; /* 0..1: multiplies the point's weight */
   float at[2]; /* pixels */
 };
-/* What a frame shows. */
+/* The points that a frame shows. */
 struct ern_sightings {
-  struct ern_sighting *list; /* [count], the points rise */
+  struct ern_sighting *list; /* [count], by rising `point` */
   size_t count;
 };
 
@@ -35,20 +35,20 @@ struct ern_bundle {
   size_t frames, points;
   const struct ern_sightings *seen; /* [frames] */
   const float *weights;             /* [points], 0..1: how rigid a point is */
-  const double (*prior)[3];         /* [points]: where the generic head has them, metres */
+  const double (*prior)[3];         /* [points]: their positions on the generic head, metres */
   double (*shape)[3];               /* [points], metres */
   struct ern_bundle_pose *poses;    /* [frames] */
 };
 
-/* Pixels from where a point is seen to where the pose puts it. */
+/* Reprojection error: the distance in pixels between the observed point and its projection. */
 double ern_bundle_residual(const struct ern_bundle *bundle, size_t frame, const struct ern_sighting *seen);
 
-/* Moves shape and the poses of chosen[count] frames, which rise; the first of `fixed` stays. */
+/* Optimises the shape and the poses of frames chosen[count] (rising); the pose of frame `fixed` stays. */
 ERN_NODISCARD ern_status ern_bundle_adjust(struct ern_bundle *bundle, const size_t *chosen, size_t count, size_t fixed);
-/* Moves one pose alone, from where it is; *seen is the number of points that hold it. */
+/* Optimises one pose alone, from its present value. *seen: the number of points that constrain it. */
 ERN_NODISCARD ern_status ern_bundle_one(struct ern_bundle *bundle, size_t frame, size_t *seen);
-/* Moves the poses of frames begin to end - 1 together, each near to going on as the two before it did. The frames
- * before `begin` stay. */
+/* Optimises the poses of frames begin to end - 1 together, with a penalty on acceleration. The poses before `begin`
+ * stay. */
 ERN_NODISCARD ern_status ern_bundle_path(struct ern_bundle *bundle, size_t begin, size_t end);
 
 #ifdef __cplusplus

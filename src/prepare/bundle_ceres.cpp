@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * By Ceres Solver. No exception and no type of C++ leaves this file. */
+ * Bundle adjustment by Ceres Solver. No exception and no C++ type leaves this file. */
 #include <ceres/ceres.h>
 #include <ceres/rotation.h>
 
@@ -15,17 +15,18 @@ extern "C" {
 
 namespace {
 
-/* A point is seen within about half a pixel; what is off by several is no point of a rigid head. */
+/* The standard deviation of a tracked point is about half a pixel; a point that is off by several is not on the rigid
+ * head. */
 constexpr double pixels = 0.5, outlier = 3.0;
-/* How far a person's head is from the generic one, metres. */
+/* Standard deviation of a person's head shape from the generic one, metres. */
 constexpr double shape_spread = 0.008;
-/* How much of a turn (radians), of a way aside and of one in depth (metres) changes from a frame to the next: what the
- * pictures do not say, as depth, is smoothed most. Cauchy's loss lets nods through. */
+/* Standard deviations of the change from frame to frame of rotation (radians), of lateral translation and of depth
+ * (metres). What the pictures determine least (depth) is smoothed most. The Cauchy loss preserves nods. */
 constexpr double turn_change = 0.0015, way_change = 0.0002, depth_change = 0.0001;
-/* Errors of flow are alike over some pixels around and over frames, so a point's many sightings are so much of as many:
- * in full they would outweigh the generic head's depth where the head turns little. */
+/* Weight of the reprojection costs. Flow errors are correlated between neighbouring pixels and frames, so n
+ * observations count as 0.1 n. In full they would outweigh the generic head's depth where the head turns little. */
 constexpr double believed = 0.1;
-/* No head is so far off; squares of larger ones may be no numbers. */
+/* Limit of a residual, beyond any real head; squares of larger ones may overflow. */
 constexpr double most_residual = 1e12;
 
 bool finite(double value) { return std::isfinite(value); }
@@ -34,7 +35,7 @@ bool finite(const ceres::Jet<double, N> &value) {
   return std::isfinite(value.a) && value.v.allFinite();
 }
 
-/* A cost that is no number says so itself: Ceres writes a warning to stderr where it finds one. */
+/* Costs report NaN and overflow themselves: where Ceres finds one, it writes a warning to stderr. */
 template <typename T>
 bool finite(const T *values, int count) {
   return std::all_of(values, values + count, [](const T &value) { return finite(value); });
@@ -73,7 +74,8 @@ struct NearPrior {
   }
 };
 
-/* Second difference of a path. Rotation vectors of neighbours are near each other, so they are subtracted. */
+/* Second difference of the pose over time. Rotation vectors of neighbouring frames are close, so plain differences
+ * suffice. */
 struct Steady {
   template <typename T>
   bool operator()(const T *before, const T *now, const T *after, T *residual) const {
@@ -94,9 +96,9 @@ Reprojection reprojection(const struct ern_bundle &b, const struct ern_sighting 
   return {seen.at[0], seen.at[1], b.focal, b.centre, std::sqrt(static_cast<double>(weight_of(b, seen)))};
 }
 
-/* `sound`: every cost can be told where it begins. Ceres writes an error to stderr where one cannot. */
+/* `sound`: every cost is finite at the start values. Ceres writes an error to stderr where one is not. */
 struct Adjustment {
-  /* One of each for all costs: a path has a million. */
+  /* shared by all costs, of which a path has a million */
   ceres::CauchyLoss pointed{outlier}, steady{3.0};
   ceres::ScaledLoss scaled;
   ceres::Problem problem;
@@ -112,7 +114,7 @@ struct Adjustment {
   }
 };
 
-/* Takes the cost. */
+/* Takes ownership of the cost. */
 template <int Residuals, int... Sizes, typename Cost, typename... Blocks>
 void add(Adjustment &adjustment, Cost *cost, ceres::LossFunction *loss, Blocks *...blocks) {
   double residual[Residuals];
@@ -163,7 +165,7 @@ ern_status guarded(ern_context *context, Work work) {
 }  // namespace
 
 extern "C" void ern_bundle_pose_from(const struct ern_head_pose *pose, struct ern_bundle_pose *bundle) {
-  double columns[9]; /* Ceres has matrices by column */
+  double columns[9]; /* Ceres stores matrices column-major */
   for (int i = 0; i < 9; i++) columns[i] = pose->rotation[i % 3][i / 3];
   ceres::RotationMatrixToAngleAxis(columns, bundle->values);
   std::copy_n(pose->translation, 3, bundle->values + 3);

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
- * The step "eyes": how far the lids are closed, as au.csv with AU45_r of OpenFace's scale, 0 to 5. Crops of both eyes
- * are held still by the pose. A blink is what both differ by from their own median over 0.7 s, for less than half of
- * that, along the direction in which such differences mostly go: their first principal component. */
+ * The step "eyes": measures how far the eyelids are closed and writes au.csv with AU45_r in OpenFace's scale, 0 to 5.
+ * The pose stabilises crops of both eyes. Their differences from a running median over 0.7 s are projected onto their
+ * first principal component. A blink is a peak of both eyes that lasts less than half of the 0.7 s. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -19,22 +19,23 @@ enum {
   ROWS = 8,
   PIXELS = COLUMNS * ROWS,
   BOTH = 2 * PIXELS,
-  AROUND = 8, /* frames before and after, of the running median */
-  POWER = 30  /* iterations */
+  AROUND = 8, /* frames before and after in the running median */
+  POWER = 30  /* iterations of the power method */
 };
 static const double step = 0.0016; /* metres between pixels */
-/* AU45_r of a blink of middling strength: what a model takes for closed eyes is 2 (docs/formats.md). */
+/* AU45_r of a blink of median strength; the model takes 2 as closed eyes (docs/formats.md). */
 static const double closed = 2.0;
-/* Of the noise's standard deviation: what is no movement of a lid, and what is a blink. */
+/* In standard deviations of the noise: below `quiet` a lid does not move, above `loud` it blinks. */
 static const double quiet = 2.5, loud = 7.0;
 
 struct eyes {
   struct ern_prepare_job *job;
-  float (*crops)[BOTH]; /* [frames]: grey levels, each eye about its mean; then about the running median */
+  float (*crops)[BOTH]; /* [frames]: grey levels minus each eye's mean; later minus the running median */
   float *signal;        /* [frames] */
 };
 
-/* The middles of the eyes in the head's frame: from the landmarks, where the lines of sight meet the face. */
+/* The centres of the eyes in the head's frame: the intersections of the face with the rays through the eye landmarks.
+ */
 static ern_status find_eyes(struct eyes *eyes, const struct ern_head_pose *poses, double at[2][2]) {
   ern_status status = ERN_OK;
   struct ern_prepare_job *job = eyes->job;
@@ -116,8 +117,8 @@ fail:
   return status;
 }
 
-/* signal = crops along their first principal component, the sign such that its far values are positive. Frames whose
- * two eyes do not both move along it count as still: signal is twice the lesser of the two. */
+/* signal = crops along their first principal component, with the sign that makes its extreme values positive. signal is
+ * twice the smaller of both eyes' values, so that both eyes must move. */
 static void project(struct eyes *eyes) {
   const size_t frames = eyes->job->frames;
   double way[BOTH], next[BOTH], third = 0;
@@ -147,7 +148,7 @@ static void project(struct eyes *eyes) {
   }
 }
 
-/* signal becomes AU45_r; *count blinks were found. */
+/* Scales signal to AU45_r; *count: the number of blinks. */
 static ern_status scale(struct eyes *eyes, size_t *count) {
   ern_status status = ERN_OK;
   const size_t frames = eyes->job->frames;
@@ -218,7 +219,7 @@ ern_status ern_prepare_eyes(struct ern_prepare_job *job) {
   ern_status status = ERN_OK;
   struct eyes eyes = {.job = job};
   size_t count = 0;
-  ERN_TRY(ern_prepare_remove_made(job, "au.csv")); /* of other lids */
+  ERN_TRY(ern_prepare_remove_made(job, "au.csv")); /* an older au.csv, of other frames */
   if (job->options->au != NULL) return from_table(job);
   ERN_TRY(ERN_NEW(job->context, job->frames, &eyes.crops));
   ERN_TRY(ERN_NEW(job->context, job->frames, &eyes.signal));

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * Faces that look into the camera, and their eyes, by OpenCV's cascades (Viola and Jones, "Rapid Object Detection using
- * a Boosted Cascade of Simple Features", CVPR 2001), or by a network that the user supplies. */
+ * Detects frontal faces and their eyes by OpenCV's cascades (Viola and Jones, "Rapid Object Detection using a Boosted
+ * Cascade of Simple Features", CVPR 2001), or by a network that the user supplies. */
 #ifndef ERN_PREPARE_FACE_DETECTOR_H
 #define ERN_PREPARE_FACE_DETECTOR_H
 
@@ -16,13 +16,13 @@ struct ern_face_detector;
  * ERNERF_CASCADES names. */
 ERN_NODISCARD ern_status ern_face_detector_make(ern_context *context, const char *network,
                                                 struct ern_face_detector **detector);
-/* faces[*count] of a picture of 3 channels, the largest first, at most `capacity`; `frame` is not set. Pixels of the
- * picture, which are shown `aspect` times as wide as high. */
+/* faces[*count] of a picture of 3 channels, the largest first, at most `capacity`, in pixels; `frame` is not set.
+ * aspect: pixel aspect ratio, width over height. */
 ERN_NODISCARD ern_status ern_face_detector_find(struct ern_face_detector *detector, const ern_image *picture,
                                                 double aspect, struct ern_found_face *faces, size_t capacity,
                                                 size_t *count);
-/* The part of a picture that begins at pixel x, y and has that width and height, which may be fractions, as a square of
- * `side` pixels, by area averaging. */
+/* Scales region = x, y, width, height (pixels, may be fractions) of a picture to a square of `side` pixels by area
+ * averaging. */
 ERN_NODISCARD ern_status ern_picture_crop(ern_context *context, const ern_image *picture, const double region[4],
                                           int side, ern_image *crop);
 void ern_face_detector_free(struct ern_face_detector **detector); /* accepts NULL */

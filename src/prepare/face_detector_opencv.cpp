@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * No exception and no type of C++ leaves this file. */
+ * No exception and no C++ type leaves this file. */
 #include <algorithm>
 #include <cstdlib>
 #include <exception>
@@ -20,15 +20,15 @@ extern "C" {
 struct ern_face_detector {
   ern_context *context;
   cv::CascadeClassifier face, other, eye;
-  std::unique_ptr<ern_face_network> network; /* in place of the cascades */
+  std::unique_ptr<ern_face_network> network; /* used instead of the cascades */
 };
 
 namespace {
 
-/* The cascades look at pictures of at most so many pixels a side: a face that is smaller there is too small to learn.
- */
+/* Pictures are scaled down to at most this many pixels a side for the cascades: a face that they then miss is too small
+ * to train on. */
 constexpr int most_side = 640;
-/* What the cascades were trained with: they see no smaller face. */
+/* The size of the cascades' training pictures: they find no smaller face. */
 constexpr int least_side = 20;
 
 template <typename Work>
@@ -55,7 +55,7 @@ ern_status load(ern_context *context, const std::string &folder, const char *nam
                   path.c_str());
 }
 
-/* The candidate nearest to where an eye is expected, in its half of the face. */
+/* Chooses the candidate nearest to the expected position of an eye, in its half of the face. */
 bool nearest(const std::vector<cv::Rect> &found, const cv::Rect &face, double share, cv::Point2d &eye) {
   double least = 0.18 * face.width;
   bool any = false;
@@ -70,7 +70,7 @@ bool nearest(const std::vector<cv::Rect> &found, const cv::Rect &face, double sh
   return any;
 }
 
-/* Faces are looked for where pixels are squares: grey pixels a pixel of the picture. */
+/* Detection runs on a grey picture with square pixels: grey pixels a pixel of the picture. */
 struct Scale {
   double x, y;
 };
@@ -134,7 +134,7 @@ extern "C" ern_status ern_face_detector_find(struct ern_face_detector *detector,
     const int shorter = std::min(grey.cols, grey.rows), least = std::max(shorter / 9, least_side);
     if (shorter < least_side) return ERN_OK;
     detector->face.detectMultiScale(grey, found, 1.1, 5, 0, cv::Size(least, least));
-    if (found.empty()) { /* dark skin and flat light: the first cascade passes over them more often */
+    if (found.empty()) { /* the first cascade misses faces with dark skin or flat light more often */
       cv::createCLAHE(3.0, cv::Size(8, 8))->apply(grey, grey);
       detector->other.detectMultiScale(grey, found, 1.1, 3, 0, cv::Size(least, least));
     }

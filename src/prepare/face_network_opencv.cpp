@@ -14,18 +14,20 @@ extern "C" { /* C headers */
 namespace {
 
 const ern_network_colours colours = {true, {0, 0, 0}, {1, 1, 1}};
-/* Of a face's two probabilities the geometric mean; overlap (intersection over union) that makes two boxes one face. */
+/* least_score: of the geometric mean of a face's two probabilities. most_overlap: intersection over union, above which
+ * two boxes are one face (non-maximum suppression). */
 constexpr float least_score = 0.6F, most_overlap = 0.3F;
 enum { MOST_BOXES = 5000, STRIDES = 3, COARSEST = 32, BOX = 4, POINTS = 10 };
-const int strides[STRIDES] = {8, 16, COARSEST}; /* pixels between the cells of each level */
+const int strides[STRIDES] = {8, 16, COARSEST}; /* pixels from cell to cell, by level */
 
-/* The boxes of cascades, by which the clip's square is measured, over YuNet's: their side over the root of YuNet's
- * area, and how far their middle is above, in sides. Medians on footage that was looked at. */
+/* Convert YuNet's boxes to the cascades', which the clip's square is based on: the ratio of their side to the root of
+ * YuNet's area, and the offset of their centre upwards, in sides. Medians over test footage. */
 constexpr double cascade_side = 1.04, cascade_above = 0.03;
-/* The tip of the nose of a face that looks into the camera is between the eyes: share of the way, to 40 degrees. */
+/* In a frontal face (up to 40 degrees) the tip of the nose lies between the eyes: bounds of its position, as a share of
+ * the way from eye to eye. */
 constexpr double nose_low = 0.05, nose_high = 0.95;
 
-/* What the network says of the cells of one stride, [rows][columns][1, 4 or 10]. */
+/* The network's outputs for the cells of one stride, [rows][columns][1, 4 or 10]. */
 struct Level {
   cv::Mat scores[2], boxes, points;
   int columns, rows, stride;
@@ -90,7 +92,7 @@ void add(const Level &level, const ern_onnx &look, Candidates *to) {
     const cv::Rect2d found((x + at[0]) * s - 0.5 * size.width, (y + at[1]) * s - 0.5 * size.height, size.width,
                            size.height);
     const cv::Rect2d whole(0, 0, look.shape[3], look.shape[2]);
-    /* not where a number is NaN */
+    /* also false where a value is NaN */
     if (!(size.width < 2 * whole.width) || !(size.height < 2 * whole.height) || !((found & whole).area() > 0)) continue;
     if (!std::all_of(points, points + POINTS, [](float v) { return std::fabs(v) < 1e4F; })) continue;
     to->boxes.push_back(found);
@@ -100,10 +102,10 @@ void add(const Level &level, const ern_onnx &look, Candidates *to) {
   }
 }
 
-/* RGB at the network's size: the picture in its upper left corner, no larger than it is; the rest black. */
+/* Fits the picture into the upper left corner of the network's input, RGB, without enlarging it; the rest is black. */
 cv::Mat lay(const cv::Mat &picture, const ern_onnx &look, double aspect, cv::Size2d *scale, int *shorter) {
   const cv::Size whole(look.shape[3], look.shape[2]);
-  const double x = std::max(aspect, 1.0), y = std::max(1 / aspect, 1.0); /* where pixels are squares */
+  const double x = std::max(aspect, 1.0), y = std::max(1 / aspect, 1.0); /* to square pixels */
   const double shrunk = std::min({1.0, whole.width / (picture.cols * x), whole.height / (picture.rows * y)});
   *scale = cv::Size2d(shrunk * x, shrunk * y);
   const cv::Size size(std::min(std::max(cvRound(picture.cols * scale->width), 1), whole.width),
@@ -125,7 +127,7 @@ std::vector<cv::Mat> forward(ern_face_network *network, const cv::Mat &input) {
   return outputs;
 }
 
-/* A candidate in pixels of the picture; false where the face does not look into the camera. */
+/* Converts a candidate to pixels of the picture; false where the face is not frontal. */
 bool place(const Candidates &from, size_t k, const cv::Size2d &scale, ern_found_face *face) {
   const cv::Rect2d &box = from.boxes[k];
   const cv::Point3d &cell = from.cells[k];
@@ -182,7 +184,7 @@ ern_status ern_face_network_find(ern_context *context, ern_face_network *network
     cv::dnn::NMSBoxes(candidates.boxes, candidates.scores, least_score, most_overlap, kept, 1.0F, MOST_BOXES);
     for (const int k : kept) {
       ern_found_face face;
-      /* as with cascades, a smaller one is too small to learn */
+      /* as for the cascades, a smaller face is too small to train on */
       if (place(candidates, size_t(k), scale, &face) && double(face.width) * scale.width >= shorter / 9)
         found.push_back(face);
     }

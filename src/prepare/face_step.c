@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * The step "face": looks for the face in the whole video, cuts one fixed square around all its places, and writes the
- * frames and the sound of it. */
+ * The step "face": finds the face in the whole video, chooses one fixed square around all its positions, and writes the
+ * cropped frames and the sound. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -14,43 +14,43 @@
 #include "prepare/segment.h"
 #include "prepare/stabilized_crop.h"
 
-/* s: what is missing of the sound at its end, without a word. */
+/* seconds of sound that may be missing at the end without a warning */
 #define SOUND_SHORTER 0.5
 
-/* s: what the video is shorter than --to, without a word: times are rounded. */
+/* seconds by which the video may end before --to without a warning, as times are rounded */
 #define PART_SHORTER 0.5
 
 enum {
-  EVERY = 5,                         /* frames between looks */
-  FACES = 8,                         /* most that are told apart in a look */
-  THUMB = 32,                        /* pixels a side of what is compared from frame to frame */
-  QUALITY = 98,                      /* of ori_imgs */
-  SOUND_RATE = 16000,                /* samples a second of aud.wav */
-  PATIENCE = 60 * ERN_PREPARE_RATE,  /* frames without a face before it is given up, */
-  LONG_PATIENCE = 10 * PATIENCE,     /* and where a stretch is looked for, which what comes first need not be in */
-  SEARCHED = 4 * ERN_PREPARE_FRAMES, /* frames among which a stretch may be looked for */
-  FEWEST_FRAMES = ERN_PREPARE_RATE,  /* to learn anything of */
-  FEW_FRAMES = 10 * ERN_PREPARE_RATE /* to learn little of */
+  EVERY = 5,                        /* frames from look to look; a look runs the face detector on a frame */
+  FACES = 8,                        /* most faces of a look */
+  THUMB = 32,                       /* pixels a side of the thumbnails that find cuts */
+  QUALITY = 98,                     /* JPEG quality of ori_imgs */
+  SOUND_RATE = 16000,               /* samples a second of aud.wav */
+  PATIENCE = 60 * ERN_PREPARE_RATE, /* frames without a face after which the step gives up, */
+  LONG_PATIENCE = 10 * PATIENCE,    /* and where it searches for a segment, which need not have the video's beginning */
+  SEARCHED = 4 * ERN_PREPARE_FRAMES, /* most frames that are searched for a segment */
+  FEWEST_FRAMES = ERN_PREPARE_RATE,  /* fewest that can be trained on */
+  FEW_FRAMES = 10 * ERN_PREPARE_RATE /* with fewer, training learns little */
 };
 
 struct scan {
   struct ern_prepare_job *job;
   struct ern_face_detector *detector;
-  struct ern_found_face *faces; /* [looks]: the main one of each look; width 0: none */
+  struct ern_found_face *faces; /* [looks]: the main face of each look; width 0: none */
   size_t looks, capacity, found, with_others;
-  float thumb[THUMB * THUMB], change, most_change; /* of the last frame; grey levels, mean over it */
+  float thumb[THUMB * THUMB], change, most_change; /* last frame's; mean grey level change */
   float usual;                                     /* running mean of the change */
-  size_t cut;                                      /* frame of a cut; 0: none */
+  size_t cut;                                      /* first frame after a cut; 0: no cut */
   size_t frames;
-  double end;    /* seconds of the video's end, where the part reaches it; else 0 */
-  size_t before; /* frames that were searched for the stretch, which progress counts too */
+  double end;    /* time of the video's end in seconds, where the part reaches it; else 0 */
+  size_t before; /* frames searched for a segment, for the progress */
   bool has_sound;
-  struct ern_segment_search *search; /* NULL where no stretch is looked for */
+  struct ern_segment_search *search; /* NULL where no segment is searched for */
   int width, height;
   double aspect;
 };
 
-/* Means of blocks of the grey picture. */
+/* Scales the grey picture down by means of blocks. */
 static void shrink(const ern_image *image, float thumb[THUMB * THUMB]) {
   for (int v = 0; v < THUMB; v++)
     for (int u = 0; u < THUMB; u++) {
@@ -68,9 +68,9 @@ static void shrink(const ern_image *image, float thumb[THUMB * THUMB]) {
     }
 }
 
-/* Frame of a cut, 0 for none. A cut changes the picture by far more than a moving person does, and than the step before
- * it: a camera that moves and a person who walks away begin more slowly. The first step has none before it, so the one
- * after it is taken. */
+/* The first frame after a cut, 0: no cut. A cut changes the picture by far more than a moving person does, and by far
+ * more than the change before it, as a camera or a person who moves starts more slowly. The first change has none
+ * before it and is compared with the one after it. */
 static size_t cut_at(const struct scan *s, float before) {
   if (s->frames == 2 && before > 12 && before > 3 * s->change) return 1;
   const bool more = s->change > 12 && s->change > 6 * fmaxf(s->usual, 0.5f) && s->change > 3 * before;
@@ -125,7 +125,7 @@ static ern_status look(struct scan *s, const ern_image *image) {
   if (count > 0) {
     face = *choose(s, found, count);
     s->found++;
-    size_t others = 0; /* with eyes: what has none is often no face */
+    size_t others = 0; /* with eyes: a detection without eyes is often no face */
     for (size_t i = 0; i < count; i++) others += found[i].has_eyes && found[i].width > 0.5f * face.width;
     s->with_others += others > 1;
   }
@@ -136,8 +136,8 @@ fail:
   return status;
 }
 
-/* Frames of the work, where the video has `expected`: this scan, and writing; or of a search that scan and writing of
- * the stretch follow. */
+/* *total: frames that the step processes, for the progress, where the video has `expected`: those of this scan and of
+ * writing; with a search, also those of the scan and the writing of the segment. */
 static ern_status work_of(const struct scan *s, size_t expected, size_t *total) {
   double length = 0, longer_than = 0;
   *total = s->before + 2 * expected;
@@ -184,7 +184,7 @@ fail:
   return status;
 }
 
-/* Takes away what was found elsewhere than the face mostly is. */
+/* Removes detections far from the face's usual position. */
 static ern_status drop_outliers(struct scan *s, double *width) {
   ern_status status = ERN_OK;
   float *values = NULL, middle[3] = {0, 0, 0};
@@ -209,9 +209,10 @@ fail:
   return status;
 }
 
-/* region: x, y, width, height of the square, pixels of the video (width differs where its pixels are no squares). */
+/* region: x, y, width, height of the square, pixels of the video (width differs from height where its pixels are not
+ * square). */
 static void place_crop(struct scan *s, double face, double region[4]) {
-  double box[4] = {HUGE_VAL, HUGE_VAL, -HUGE_VAL, -HUGE_VAL}; /* of the head in all looks */
+  double box[4] = {HUGE_VAL, HUGE_VAL, -HUGE_VAL, -HUGE_VAL}; /* bounding box of the head over all looks */
   for (size_t i = 0; i < s->looks; i++) {
     const struct ern_found_face *f = &s->faces[i];
     if (f->width <= 0) continue;
@@ -220,7 +221,7 @@ static void place_crop(struct scan *s, double face, double region[4]) {
     box[2] = fmax(box[2], (double)(f->x + 1.25f * f->width));
     box[3] = fmax(box[3], (double)(f->y + 1.25f * f->height));
   }
-  const double wide = s->width * s->aspect, most = fmin(wide, s->height); /* in heights of a pixel */
+  const double wide = s->width * s->aspect, most = fmin(wide, s->height); /* unit: a pixel's height */
   double side = fmax(fmax((box[2] - box[0]) * s->aspect * 1.1, (box[3] - box[1]) * 1.1), 2.4 * face * s->aspect);
   if (side > 0.85 * most) side = most;
   side = floor(side);
@@ -231,7 +232,7 @@ static void place_crop(struct scan *s, double face, double region[4]) {
   region[3] = side;
 }
 
-/* Faces in pixels of the clip; those that the square leaves out are none. */
+/* Converts the faces to pixels of the clip and removes those outside the square. Returns their number. */
 static size_t take_faces(struct scan *s, const double region[4]) {
   const double sx = s->job->side / region[2], sy = s->job->side / region[3];
   size_t count = 0;
@@ -252,7 +253,8 @@ static size_t take_faces(struct scan *s, const double region[4]) {
   return count;
 }
 
-/* The video from beginning to end, or the stretch of options->segment; false where there is none without a cut. */
+/* Scans the whole part, or chooses the segment of options->segment and scans it; *found is false where every segment
+ * has a cut. */
 static ern_status scan_part(struct scan *s, bool *found) {
   ern_status status = ERN_OK;
   struct ern_prepare_job *job = s->job;
@@ -282,7 +284,7 @@ fail:
   return status;
 }
 
-/* From here on the folder is that of this video, also for a call that goes on where this one was stopped. */
+/* Records that the folder belongs to this video, also for a later call that resumes this one. */
 static ern_status begin_frames(struct scan *s) {
   ern_status status = ERN_OK;
   struct ern_prepare_job *job = s->job;
@@ -324,7 +326,7 @@ fail:
   return status;
 }
 
-/* aud.wav: the sound beside the frames, one channel; none where the video has none. */
+/* Writes aud.wav, the sound of the clip's frames in mono; no file where the video has no sound. */
 static ern_status write_sound(struct scan *s) {
   ern_status status = ERN_OK;
   struct ern_prepare_job *job = s->job;
@@ -362,7 +364,7 @@ fail:
   return status;
 }
 
-/* Where --from and --to lie in the video; "" where neither is given. */
+/* Text that describes --from and --to in the video; "" where neither is set. */
 static void describe_part(const struct scan *s, double from, double to, char text[128]) {
   int used = 0;
   text[0] = 0;
@@ -371,7 +373,7 @@ static void describe_part(const struct scan *s, double from, double to, char tex
   if (used > 0 && s->end > 0) snprintf(text + used, 128 - (size_t)used, " of a video of %.2f s", s->end);
 }
 
-/* What can be said before a crop; true where it is to go on. */
+/* Adds the verdicts that are known before cropping; false where the video is refused. */
 static bool check_scan(struct scan *s) {
   struct ern_prepare_job *job = s->job;
   const double share = s->looks > 0 ? (double)s->found / (double)s->looks : 0;

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * The step "features": those that the user supplies are checked and put into the clip; else aud.wav speaks for itself,
- * and a video without sound is refused before any frame is read. */
+ * The step "features": checks the features that the user supplies and copies them into the clip. Without them training
+ * uses aud.wav, and a video without sound is refused before any frame is read. */
 #include <stdio.h>
 #include <string.h>
 
@@ -11,7 +11,7 @@ ern_status ern_prepare_features(struct ern_prepare_job *job) {
   ern_status status = ERN_OK;
   char path[ERN_PREPARE_PATH];
   ern_features features = {0};
-  if (job->options->features == NULL) return ern_prepare_remove_made(job, "aud.npy"); /* of an earlier call */
+  if (job->options->features == NULL) return ern_prepare_remove_made(job, "aud.npy"); /* a file of an earlier call */
   ERN_TRY(ern_features_load(job->context, job->options->features, &features));
   ern_prepare_figure(job, "windows", (double)features.windows);
   if (features.windows + ERN_PREPARE_MORE < job->frames)

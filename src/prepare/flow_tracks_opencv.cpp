@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * No exception and no type of C++ leaves this file. */
+ * No exception and no C++ type leaves this file. */
 #include <algorithm>
 #include <cmath>
 #include <exception>
@@ -18,7 +18,7 @@ struct ern_flow_reference {
   ern_context *context;
   int side;
   cv::Rect region;
-  double scale; /* of the region's picture over the frame */
+  double scale; /* pixels of the region's picture a pixel of the frame */
   cv::Mat picture;
   cv::Ptr<cv::DISOpticalFlow> flow;
   std::vector<cv::Point2f> points; /* pixels of the frame */
@@ -26,13 +26,13 @@ struct ern_flow_reference {
 
 namespace {
 
-/* A region is looked at with so many pixels a side: more makes flow slower and hardly better. A small one is enlarged,
- * up to 2.5 times: flow finds fractions of its pixels. */
+/* A region is resampled to this many pixels a side: more makes the flow slower and hardly better. A small region is
+ * enlarged, up to 2.5 times, as flow has subpixel accuracy. */
 constexpr int wanted_side = 320;
 constexpr double most_scale = 2.5;
-/* Pixels of the region's picture between points. */
+/* Distance of the points, pixels of the region's picture. */
 constexpr int spacing = 6;
-/* Forward and backward flow agree, pixels of the region's picture. */
+/* Tolerance of the forward-backward check, pixels of the region's picture. */
 constexpr float agreement = 0.7F;
 /* The least texture: smaller eigenvalue of the gradients' covariance over 7 x 7, grey levels squared. */
 constexpr float least_texture = 1.0F;
@@ -48,7 +48,7 @@ ern_status guarded(ern_context *context, const char *what, Work work) {
   }
 }
 
-/* The frame as the warp brings it onto the reference's region. */
+/* Resamples the frame onto the reference's region by the warp. */
 cv::Mat warp_picture(const struct ern_flow_reference &r, const cv::Mat &frame, const double warp[4]) {
   const double s = 1 / r.scale;
   /* region pixel -> reference pixel -> frame pixel */

@@ -3,7 +3,8 @@
 
 #include <math.h>
 
-/* s: videos put one behind the other as bytes; what overlaps by less is left out. */
+/* Seconds: a greater step back in time means videos that were concatenated as bytes, which is refused. Frames that
+ * overlap by less are skipped. */
 #define BEGINS_ANEW 1.0
 
 static ern_status advance(struct ern_footage *f) {
@@ -23,7 +24,7 @@ static ern_status advance(struct ern_footage *f) {
                       "%s: the times of its pictures go back from %.3f s to %.3f s, expected times that rise: its "
                       "parts need to be joined anew, as with FFmpeg's concat",
                       f->job->video, f->now_at, f->next_at);
-  } while (f->has_now && f->has_next && f->next_at <= f->now_at); /* one whose time has passed is not shown */
+  } while (f->has_now && f->has_next && f->next_at <= f->now_at); /* skips a frame whose time is not later */
   return status;
 }
 

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * A part of a video at 25 frames a second, whatever its own rate is. */
+ * Reads a part of a video at 25 frames a second, for any rate of the video. */
 #ifndef ERN_PREPARE_FOOTAGE_H
 #define ERN_PREPARE_FOOTAGE_H
 
@@ -14,14 +14,13 @@ struct ern_footage {
   bool has_now, has_next;
   double first;    /* seconds of the video's first frame */
   double from, to; /* the part, seconds after it; to 0: the end */
-  size_t frame;    /* the next one of the clip */
+  size_t frame;    /* the next frame of the clip */
 };
 
 ERN_NODISCARD ern_status ern_footage_open(const struct ern_prepare_job *job, struct ern_footage *footage);
-/* The frame of the video that is nearest in time to the clip's next one, which lives until the next call; NULL past the
- * end. */
+/* *frame = the video's frame nearest in time to the clip's next frame, valid until the next call; NULL past the end. */
 ERN_NODISCARD ern_status ern_footage_next(struct ern_footage *footage, const ern_image **frame);
-/* Frames that the clip will have, by what the file says of its length. */
+/* Number of frames that the clip will have, by the duration in the file's header. */
 size_t ern_footage_expected(const struct ern_footage *footage);
 void ern_footage_close(struct ern_footage *footage); /* accepts a zeroed one */
 

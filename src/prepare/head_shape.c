@@ -22,14 +22,14 @@ bool ern_head_project(const struct ern_head_pose *pose, double focal, double cen
   return true;
 }
 
-/* The tip of the nose stands 20 mm out of the ellipsoid, and so 23 mm before the root of the upper lip. */
+/* The tip of the nose is 20 mm outside the ellipsoid, and so 23 mm in front of the root of the upper lip. */
 static const double nose = 0.020;
-/* Above the origin the face runs along an ellipsoid of this half axis: a forehead is nearly upright. It falls back by
- * 18 degrees from the brows to the hair; that of the ellipsoid of the head by 38. */
+/* Above the origin the face follows an ellipsoid with this vertical semi-axis, as a forehead is nearly upright: from
+ * brows to hair it slopes by 18 degrees, where the head's ellipsoid slopes by 38. */
 static const double forehead = 0.160;
 
-/* The nose's tip is 43 mm under the eyes, and it runs out to the bridge between them: height over the ellipsoid,
- * metres. */
+/* Height of the nose above the ellipsoid, metres. The tip is 43 mm below the eyes; the height falls to 0 at the bridge
+ * between them. */
 static double nose_height(double x, double y) {
   const double below = ERN_HEAD_EYES_Y - y; /* 0 at the bridge, 0.043 at the tip */
   const double along = below < 0.043 ? below / 0.043 : (0.060 - below) / 0.017;
@@ -43,7 +43,7 @@ double ern_head_surface(double x, double y) {
   return a * a + b * b < 1 ? ERN_HEAD_DEEP * sqrt(1 - a * a - c * c) + nose_height(x, y) : 0;
 }
 
-/* Where the line of sight o + along d, in the head's frame, meets an ellipsoid first. */
+/* The first intersection of the ray o + along d, in the head's frame, with an ellipsoid. */
 static bool intersect(const double axes[3], const double o[3], const double d[3], double point[3]) {
   double dd = 0, od = 0, oo = 0;
   for (int i = 0; i < 3; i++) {
@@ -74,7 +74,7 @@ bool ern_head_intersect(const struct ern_head_pose *pose, double focal, double c
   if (!intersect(axes, o, d, point)) return false;
   if (!face) return true;
   if (point[1] > 0) (void)intersect(high, o, d, point);
-  /* the nose's height is along z; one step along the line of sight is near enough where that is nearly z */
+  /* the nose's height is along z; one step along the ray is accurate enough where the ray is nearly parallel to z */
   if (point[2] > 0 && fabs(d[2]) > 0.5) {
     const double step = nose_height(point[0], point[1]) / fabs(d[2]);
     for (int i = 0; i < 3; i++) point[i] -= step * d[i];

@@ -10,15 +10,15 @@ extern "C" {
 #include "io/onnx.h"
 }
 
-/* How networks are known to want colours of 0..255: (c - mean) / deviation. */
+/* A normalisation of a network's input: (c - mean) / deviation of colours c in 0..255. */
 struct ern_network_colours {
   bool bgr;
   double mean[3], deviation[3]; /* in the network's order of channels */
 };
 
-/* Reads a file whose input is [1, 3, height, width], 16 to 2048 each. May throw std::bad_alloc. */
+/* Reads a file whose input is [1, 3, height, width], height and width 16 to 2048. May throw std::bad_alloc. */
 ERN_NODISCARD ern_status ern_network_open(ern_context *context, const char *path, ern_onnx *look, cv::dnn::Net *net);
-/* The input of a picture, RGB of 8 bits and of the network's size. */
+/* Converts a picture, 8-bit RGB of the network's size, to the network's input. */
 cv::Mat ern_network_input(const cv::Mat &picture, const ern_network_colours &way);
 
 #endif

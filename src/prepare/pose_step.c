@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
- * The step "pose": where the head is in every frame, without a face model. Points are followed from reference frames
- * (flow_tracks.h) and held together by bundle adjustment with a generic head as prior (bundle.h). */
+ * The step "pose": estimates the head's pose in every frame without a face model. It tracks points from reference
+ * frames (flow_tracks.h) and solves for poses and points by bundle adjustment with a generic head as prior (bundle.h).
+ */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -14,10 +15,10 @@
 #include "prepare/stabilized_crop.h"
 
 enum { REFERENCES = 9, CHOSEN = 90, WINDOW = 400, OVERLAP = 25, ROUNDS = 3 };
-/* A frame whose head is turned further than this from every reference's asks for one of its own, degrees. */
+/* A frame whose head is turned further than this from every reference's becomes a reference itself, degrees. */
 static const double reference_turn = 12;
 
-/* What the step works on. */
+/* The state of the step. */
 struct tracking {
   struct ern_prepare_job *job;
   double centre;
@@ -28,9 +29,9 @@ struct tracking {
   size_t at[REFERENCES];           /* their frames */
   struct ern_flow_reference *references[REFERENCES];
   size_t first[REFERENCES + 1]; /* their first points */
-  float shares[REFERENCES];     /* 0..1: how much each counts in the frame that is looked at */
+  float shares[REFERENCES];     /* 0..1: the weight of each reference in the present frame */
   struct ern_sightings *seen;   /* [frames] */
-  float (*found)[2];            /* [points]: of the frame that is looked at; NaN: not seen */
+  float (*found)[2];            /* [points]: of the present frame; NaN: not seen */
   float *weights;               /* [points] */
   double (*prior)[3], (*shape)[3];
 };
@@ -48,8 +49,8 @@ static struct ern_bundle bundle_of(struct tracking *t) {
                              .poses = t->bundled};
 }
 
-/* Whether a point of the reference frame is one of the rigid head: on its ellipsoid, not at the rim, and neither eye
- * nor mouth nor chin. */
+/* Selects points of the reference frame on the rigid head: on its ellipsoid, not at the rim, and not on eyes, mouth or
+ * chin. */
 struct wanted {
   const struct tracking *tracking;
   struct ern_head_pose pose;
@@ -89,7 +90,7 @@ fail:
   return status;
 }
 
-/* Memory for the points there are, and the priors of the last reference's. */
+/* Allocates memory for the present points and sets the priors of the last reference's points. */
 static ern_status lay_out(struct tracking *t, size_t before) {
   ern_context *context = t->job->context;
   const size_t points = t->first[t->count], old = t->first[before];
@@ -132,8 +133,8 @@ fail:
   return status;
 }
 
-/* The similarity that brings the reference's head to where the frame's pose has it: the bridge of the nose, scale and
- * roll. */
+/* The similarity transform from the reference's head to the head in the frame's pose: by the bridge of the nose, scale
+ * and roll. */
 static void warp_of(const struct tracking *t, size_t reference, size_t frame, double warp[4]) {
   static const double bridge[3] = {0, ERN_HEAD_EYES_Y - 0.02, 0.09};
   const struct ern_head_pose *a = &t->poses[t->at[reference]], *b = &t->poses[frame];
@@ -156,7 +157,7 @@ static void forget_points(struct tracking *t) {
   for (size_t k = 0; k < t->first[t->count]; k++) t->found[k][0] = t->found[k][1] = NAN;
 }
 
-/* What was found becomes what the frame shows: half of all points and less, so it is kept as a list. */
+/* Stores the found points of a frame as a list, as a frame shows at most half of all points. */
 static ern_status keep_points(struct tracking *t, size_t frame) {
   struct ern_sightings *seen = &t->seen[frame];
   const size_t points = t->first[t->count];
@@ -172,7 +173,7 @@ static ern_status keep_points(struct tracking *t, size_t frame) {
   return status;
 }
 
-/* One frame of the first pass: its points from where the neighbour's were, its pose from the neighbour's. */
+/* One frame of the first pass: the neighbour's warp and pose are the start values for tracking and pose. */
 static ern_status follow(struct tracking *t, size_t frame, size_t neighbour, double warp[4]) {
   ern_status status = ERN_OK;
   size_t seen = 0;
@@ -188,7 +189,7 @@ fail:
   return status;
 }
 
-/* From the first reference to both ends of the video. */
+/* The first pass: from the first reference to both ends of the video. */
 static ern_status follow_all(struct tracking *t) {
   const double none[4] = {1, 0, 0, 0};
   const size_t reference = t->at[0], frames = t->job->frames;
@@ -209,8 +210,9 @@ fail:
   return status;
 }
 
-/* Every frame again, from all references that are near it; poses are known roughly. No two references agree wholly on
- * the depth, so one fades as the head turns away from it: the pose would jump where it is left out at once. */
+/* The second pass: tracks every frame from all references near it, with the approximate poses. References disagree a
+ * little on depth, so a reference's weight fades as the head turns away from it; without that the pose would jump where
+ * the reference drops out. */
 static ern_status find_all(struct tracking *t) {
   ern_status status = ERN_OK;
   const size_t frames = t->job->frames;
@@ -232,8 +234,8 @@ fail:
   return status;
 }
 
-/* Points that do not move with the others, as cheeks and jaw do in speech, lose their weight: 1 / (1 + (r / 1.5 m)^4),
- * r being the point's median residual over chosen[count <= CHOSEN] frames and m that of all points. */
+/* Lowers the weight of points that do not move rigidly with the others, as cheeks and jaw in speech: 1 / (1 + (r / 1.5
+ * m)^4), r being the point's median residual over chosen[count <= CHOSEN] frames and m that of all points. */
 static ern_status weigh(struct tracking *t, const size_t *chosen, size_t count) {
   ern_status status = ERN_OK;
   ern_context *context = t->job->context;
@@ -267,14 +269,14 @@ fail:
   return status;
 }
 
-/* Shape and poses of frames across the video, by turns with the points' weights. */
+/* Adjusts shape and poses of frames across the video, alternating with the points' weights. */
 static ern_status adjust(struct tracking *t, int rounds) {
   const size_t frames = t->job->frames, count = frames < CHOSEN ? frames : CHOSEN;
   size_t chosen[CHOSEN + REFERENCES], seen = 0;
   struct ern_bundle bundle = bundle_of(t);
   ern_status status = ERN_OK;
   for (size_t i = 0; i < count; i++) chosen[i] = i * frames / count;
-  size_t nearest = 0; /* the first reference takes the place of the frame next to it */
+  size_t nearest = 0; /* the first reference replaces the chosen frame nearest to it */
   for (size_t i = 0; i < count; i++)
     if (llabs((long long)chosen[i] - (long long)t->at[0]) < llabs((long long)chosen[nearest] - (long long)t->at[0]))
       nearest = i;
@@ -289,7 +291,7 @@ fail:
   return status;
 }
 
-/* The whole path, smoothed as much as the pictures leave open. */
+/* Adjusts all poses with smoothing in time. */
 static ern_status smooth(struct tracking *t) {
   struct ern_bundle bundle = bundle_of(t);
   const size_t frames = t->job->frames;
@@ -304,7 +306,7 @@ fail:
   return status;
 }
 
-/* More references, until each frame has one that its head is not turned far from. */
+/* Adds references until the head of each frame is within reference_turn of one. */
 static ern_status add_references(struct tracking *t) {
   ern_status status = ERN_OK;
   const size_t before = t->count;
@@ -327,7 +329,8 @@ fail:
   return status;
 }
 
-/* The frame whose eyes are level, midway in the face's box, and at their median distance. */
+/* Chooses the first reference: the frame whose eyes are level, in the middle of the face's box, and at their median
+ * distance. */
 static bool choose_reference(struct tracking *t, const struct ern_found_face *faces, size_t count, float *distances,
                              size_t *chosen) {
   size_t n = 0;
@@ -368,7 +371,7 @@ fail:
   return status;
 }
 
-/* What a frame's points say of its pose. */
+/* How well a frame's points support its pose. */
 struct support {
   float residual; /* median, pixels of a picture of 512 a side; NaN without points */
   size_t seen;
@@ -391,7 +394,7 @@ static ern_status measure(struct tracking *t, struct support *support) {
   return status;
 }
 
-/* prepare/pose.csv, which the report draws. */
+/* Writes prepare/pose.csv, which the report plots. */
 static ern_status write_support(struct tracking *t, const struct support *support) {
   static const char head[] = "frame,residual,points\n";
   ern_status status = ERN_OK;
@@ -411,7 +414,7 @@ fail:
   return status;
 }
 
-/* Mean change, in degrees, of how far the head turns from a frame to the next. */
+/* Jitter: the mean change, in degrees, of the head's rotation from a frame to the next. */
 static double tremble_of(const struct tracking *t) {
   double sum = 0;
   for (size_t i = 1; i + 1 < t->job->frames; i++) {
@@ -425,12 +428,12 @@ static double tremble_of(const struct tracking *t) {
   return t->job->frames > 2 ? sum / (double)(t->job->frames - 2) : 0;
 }
 
-/* What the verdict is given by. */
+/* The measurements for the verdict. */
 struct findings {
   double residual;      /* median, pixels of 512 */
-  double points;        /* median number that is seen */
+  double points;        /* median number of points seen */
   double hidden;        /* share of frames that see less than 0.65 of that */
-  double lost;          /* share of frames with too few to hold a pose */
+  double lost;          /* share of frames with too few points for a pose */
   double tremble, turn; /* degrees */
 };
 
@@ -478,7 +481,7 @@ static void give_verdict(struct ern_prepare_job *job, const struct findings *f) 
 }
 
 static ern_status check_tracking(struct tracking *t) {
-  enum { FEW = 25 }; /* points that hardly hold a pose */
+  enum { FEW = 25 }; /* fewer points hardly determine a pose */
   ern_status status = ERN_OK;
   const size_t frames = t->job->frames;
   struct support *support = NULL;

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * The step "pose" where the user brings the poses: they become the clip's, and are held against the faces found. */
+ * The step "pose" with poses that the user supplies: they become the clip's, and are compared with the detected faces.
+ */
 #include <math.h>
 
 #include "prepare/head_shape.h"
@@ -16,10 +17,10 @@ void ern_prepare_check_turn(struct ern_prepare_job *job, double turn) {
     ern_prepare_add_reason(job, ERN_PREPARE_DOUBTFUL, "the head turns by %.0f degrees, expected 35 at most", turn);
 }
 
-/* A pose beside the face that was found in its frame. */
+/* A pose and the detected face of its frame. */
 struct beside {
-  double at[2], found[2]; /* pixels: the pose's face and the one that was found, their middles */
-  double width, wide;     /* pixels: of the one that was found, and of the pose's head */
+  double at[2], found[2]; /* pixels: centres of the pose's face and of the detected face */
+  double width, wide;     /* pixels: of the detected face, and of the pose's head */
 };
 
 static struct beside lay_beside(const struct ern_prepare_job *job, const struct ern_head_pose *pose,
@@ -28,15 +29,15 @@ static struct beside lay_beside(const struct ern_prepare_job *job, const struct 
   struct beside b = {.found = {(double)(face->x + 0.5f * face->width), (double)(face->y + 0.5f * face->height)},
                      .width = (double)face->width,
                      .wide = 2 * ERN_HEAD_WIDE * job->focal / -pose->translation[2]};
-  (void)ern_head_project(pose, job->focal, 0.5 * job->side, middle, b.at); /* supplied heads are before the camera */
+  (void)ern_head_project(pose, job->focal, 0.5 * job->side, middle, b.at); /* they are in front of the camera */
   return b;
 }
 
-/* What all of them say. Own poses of eight videos: width / wide 1.1 to 1.3, at most 0.16 widths apart, and correlations
- * of 0.77 to 0.99 where the face moves by more than 0.025 of its width (standard deviation). */
+/* Statistics over all frames. Our own poses of eight videos gave: width / wide 1.1 to 1.3, at most 0.16 widths apart,
+ * and correlations of 0.77 to 0.99 where the face moves by more than 0.025 of its width (standard deviation). */
 struct agreement {
   size_t count, astray;
-  long worst;                  /* frame where they are furthest apart */
+  long worst;                  /* frame with the greatest distance */
   double farthest, size;       /* widths of the face; mean of log(width / wide) */
   double moved[2], follows[2]; /* along x and y: standard deviation of found, in widths; correlation with at */
 };
@@ -98,7 +99,7 @@ static void check_agreement(struct ern_prepare_job *job, const struct agreement 
           file, c == 0 ? "sideways" : "up and down", a->follows[c]);
 }
 
-/* What was supplied, beside what the step "face" found. */
+/* Compares the supplied poses with the faces of the step "face". */
 static ern_status check_supplied(struct ern_prepare_job *job, const struct ern_head_pose *poses) {
   ern_status status = ERN_OK;
   struct ern_found_face *faces = NULL;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * From a video to a clip, step by step. */
+ * `prepare`: runs the steps that make a clip of a video. */
 #define _XOPEN_SOURCE 700 /* realpath */
 #include <fcntl.h>
 #include <math.h>
@@ -21,7 +21,7 @@ enum { OPTIONS_COOKIE = 0x70726570, SETTINGS = 2 * ERN_PREPARE_MARK + 600 };
 static const struct step {
   const char *name;
   ern_status (*run)(struct ern_prepare_job *job);
-  ern_status (*check)(struct ern_prepare_job *job); /* reads what is supplied for it, and changes nothing */
+  ern_status (*check)(struct ern_prepare_job *job); /* reads the files supplied for the step, and changes nothing */
 } steps[ERN_PREPARE_STEPS] = {{"face", ern_prepare_face, NULL},
                               {"pose", ern_prepare_pose, ern_prepare_pose_check},
                               {"landmarks", ern_prepare_landmarks, ern_prepare_landmarks_check},
@@ -34,7 +34,7 @@ void ern_prepare_options_fill(ern_prepare_options *options, size_t bytes) {
   ern_config_give(options, bytes, &own, sizeof own);
 }
 
-/* JSON is UTF-8, which the name of a file need not be. */
+/* Replaces non-ASCII bytes by '?' where a text is not UTF-8, as JSON needs: a file name need not be. */
 static void keep_text(char *text) {
   json_t *string = json_string(text);
   for (char *at = text; *at != 0 && string == NULL; at++)
@@ -42,7 +42,7 @@ static void keep_text(char *text) {
   json_decref(string);
 }
 
-/* What a step's result depends on beside the steps before it. */
+/* The settings that a step's result depends on, beside the earlier steps. */
 static void settings_of(const struct ern_prepare_job *job, size_t step, char settings[SETTINGS]) {
   const ern_prepare_options *o = job->options;
   char a[ERN_PREPARE_MARK], b[ERN_PREPARE_MARK];
@@ -51,7 +51,7 @@ static void settings_of(const struct ern_prepare_job *job, size_t step, char set
     case 0:
       if (o->detector != NULL) snprintf(settings, SETTINGS, "detector %s", ern_prepare_mark(o->detector, a));
       break;
-    case 1: /* landmarks place the eyes from which tracking begins */
+    case 1: /* supplied landmarks give the eyes from which tracking begins */
       snprintf(settings, SETTINGS, "focal %.9g poses %s%s%s", o->focal, ern_prepare_mark(o->poses, a),
                o->poses == NULL && o->landmarks != NULL ? " landmarks " : "",
                o->poses == NULL ? ern_prepare_mark(o->landmarks, b) : "");
@@ -68,14 +68,14 @@ static void settings_of(const struct ern_prepare_job *job, size_t step, char set
   keep_text(settings);
 }
 
-/* The video and what is supplied may not lie where the clip's files are written and removed. */
+/* Refuses inputs (video, supplied files) inside folders where the clip's files are written and removed. */
 static ern_status keep_inputs(const struct ern_prepare_job *job) {
   const ern_prepare_options *o = job->options;
   const char *const inputs[] = {job->video, o->background, o->landmarks, o->poses,
                                 o->masks,   o->au,         o->features,  o->detector};
   char *folder = realpath(job->folder, NULL);
   ern_status status = ERN_OK;
-  if (folder == NULL) return ERN_OK; /* it is not there yet */
+  if (folder == NULL) return ERN_OK; /* it does not exist yet */
   const size_t length = strlen(folder);
   for (size_t i = 0; i < sizeof inputs / sizeof *inputs && status == ERN_OK; i++) {
     char *place = inputs[i] != NULL ? realpath(inputs[i], NULL) : NULL;
@@ -105,7 +105,7 @@ static ern_status check_paths(ern_context *context, const ern_prepare_options *o
   return ERN_OK;
 }
 
-/* Before the frames are there: whether each file and folder that is supplied can be opened. */
+/* Checks, before the frames exist, that each supplied file and folder can be opened. */
 static ern_status open_supplied(const struct ern_prepare_job *job) {
   const ern_prepare_options *o = job->options;
   const char *place = o->background != NULL && strcmp(o->background, "key") == 0 ? NULL : o->background;
@@ -118,13 +118,13 @@ static ern_status open_supplied(const struct ern_prepare_job *job) {
   return ERN_OK;
 }
 
-/* What is supplied is read before `step`, the first of those that are due after "face", and "face" itself take away
- * what an earlier call made. What a step was done with is not read again. */
+/* Reads the supplied files before `step` (the first due step after "face") or "face" itself removes the files of an
+ * earlier call. Files of steps that are already done are not read again. */
 static ern_status check_supplied(struct ern_prepare_job *job, size_t step) {
   ern_status status = ERN_OK;
   const size_t frames = job->frames;
   if (step == 0) ERN_TRY(open_supplied(job));
-  if (step == 0) job->frames = 0;                                                      /* those of an earlier call */
+  if (step == 0) job->frames = 0; /* the frames of an earlier call */
   for (size_t k = step == 0 ? ERN_PREPARE_STEPS - 1 : 1; k < ERN_PREPARE_STEPS; k++) { /* features need no frames */
     char settings[SETTINGS];
     ern_prepare_verdict verdict;
@@ -136,14 +136,14 @@ fail:
   return status;
 }
 
-/* What `step` and the steps behind it will write may not be the user's own. */
+/* Refuses to run where `step` or a later step would overwrite the user's own files. */
 static ern_status check_files(struct ern_prepare_job *job, size_t step, size_t only) {
   ern_status status = ERN_OK;
   for (size_t k = step; k < ERN_PREPARE_STEPS; k++) {
     char settings[SETTINGS];
     ern_prepare_verdict verdict;
     settings_of(job, k, settings);
-    const bool stale = k == step || step == 0 || (step < 3 && k < 5) || /* as run_step() has them */
+    const bool stale = k == step || step == 0 || (step < 3 && k < 5) || /* the same steps as in run_step() */
                        !ern_prepare_record_has(job, steps[k].name, settings, &verdict);
     if (stale && (only == ERN_PREPARE_STEPS || k == only)) ERN_TRY(ern_prepare_check_files(job, k, step == 0));
   }
@@ -178,7 +178,8 @@ static ern_status check_options(ern_context *context, const ern_prepare_options 
   return ERN_OK;
 }
 
-/* No training takes a clip some of whose files are of earlier results: it needs the poses and bc.jpg. */
+/* Makes the clip unusable for training while it has files of older results: removes poses or bc.jpg, which training
+ * needs. */
 static ern_status break_clip(struct ern_prepare_job *job, size_t step) {
   static const char *const poses[] = {"transforms_train.json", "transforms_val.json"};
   ern_status status = ERN_OK;
@@ -194,16 +195,16 @@ static ern_status run_step(struct ern_prepare_job *job, size_t step, const char 
   ern_status status = ERN_OK;
   job->figures = json_object();
   if (job->figures == NULL) return ern_fail(job->context, ERN_E_NO_MEMORY, "%s: no memory", job->folder);
-  /* frames are behind all, poses and landmarks behind layers and eyes */
+  /* all steps depend on the frames; layers and eyes depend on poses and landmarks */
   stale[count++] = steps[step].name;
   for (size_t i = step + 1; i < ERN_PREPARE_STEPS - (step > 0) && step < 3; i++) stale[count++] = steps[i].name;
-  if (step > 0) { /* else a step that is stopped counts as done */
+  if (step > 0) { /* else an interrupted step would count as done */
     ERN_TRY(ern_prepare_record_strike(job, stale, count));
     ERN_TRY(break_clip(job, step));
   }
   ERN_TRY(steps[step].run(job));
   const bool refused = job->verdict->grade == ERN_PREPARE_REFUSED;
-  if (refused && step == 0 && job->frames > 0) goto refuse; /* what an earlier call made stays, and its record */
+  if (refused && step == 0 && job->frames > 0) goto refuse; /* the files and the record of an earlier call stay */
   if (job->frames > 0) (void)json_object_set_new(job->record, "frames", json_integer((json_int_t)job->frames));
   ERN_TRY(ern_prepare_record_enter(job, settings, stale, count));
   if (refused) ERN_TRY(break_clip(job, step));
@@ -249,7 +250,7 @@ fail:
   return status;
 }
 
-/* The page, also of a refusal, whose error stays; the video where every step was done. */
+/* Writes report.html, also after a refusal, whose error stays; overlay.mp4 only where every step is done. */
 static ern_status report(struct ern_prepare_job *job, const ern_prepare_result *result, ern_status outcome) {
   char kept[ERN_ERROR_BYTES];
   ern_error_keep(job->context, kept);
@@ -264,7 +265,7 @@ static ern_status report(struct ern_prepare_job *job, const ern_prepare_result *
   return outcome;
 }
 
-/* At the end of a call, whose error stays. */
+/* Runs at the end of a call and keeps the call's error. */
 static void note_made(struct ern_prepare_job *job) {
   char kept[ERN_ERROR_BYTES];
   if (!ern_prepare_stays(job)) return;
@@ -297,12 +298,12 @@ ern_status ern_prepare_sized(ern_context *context, const char *video, const char
   opened = true;
   job.frames = (size_t)json_integer_value(json_object_get(job.record, "frames"));
   found.frames = job.frames;
-  ERN_TRY(ern_prepare_note_made(&job)); /* of a call that was killed */
+  ERN_TRY(ern_prepare_note_made(&job)); /* for an earlier call that was killed */
   status = run_steps(&job, only, &found);
   if (status == ERN_OK || job.refused) ERN_TRY(report(&job, &found, status));
 fail:
   if (opened) note_made(&job);
-  if (status != ERN_OK && job.made && ern_prepare_stays(&job)) (void)rmdir(folder); /* an empty one */
+  if (status != ERN_OK && job.made && ern_prepare_stays(&job)) (void)rmdir(folder); /* only where it is empty */
   if (lock >= 0) close(lock);
   json_decref(job.record);
   ern_struct_give(result, bytes, &found, sizeof found);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * The faces that the detector found, as a table: prepare/faces.csv. */
+ * Reads and writes prepare/faces.csv, the table of detected faces. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>

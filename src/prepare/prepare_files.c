@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * What the user brings: by what a file or folder is known, and how many files a folder has. */
+ * Files that the user supplies: the fingerprint of a file or folder, and the number of files in a folder. */
 #include <dirent.h>
 #include <stdio.h>
 #include <string.h>
@@ -11,8 +11,8 @@ static bool is_later(struct timespec a, struct timespec b) {
   return a.tv_sec != b.tv_sec ? a.tv_sec > b.tv_sec : a.tv_nsec > b.tv_nsec;
 }
 
-/* The count of the folder's regular files; about->st_size becomes the sum of their bytes, about->st_mtim the newest
- * time of the folder and of them. */
+/* Returns the number of the folder's regular files; about->st_size becomes the sum of their bytes, about->st_mtim the
+ * newest time of the folder and of them. */
 static size_t add_files(const char *path, struct stat *about) {
   DIR *list = opendir(path);
   size_t count = 0;
@@ -45,7 +45,7 @@ const char *ern_prepare_mark(const char *path, char mark[ERN_PREPARE_MARK]) {
 ern_status ern_prepare_check_count(const struct ern_prepare_job *job, const char *folder, const char *ending) {
   DIR *list = opendir(folder);
   size_t count = 0;
-  if (list == NULL) return ERN_OK; /* what reads the files tells */
+  if (list == NULL) return ERN_OK; /* the code that reads the files reports it */
   for (struct dirent *entry = readdir(list); entry != NULL; entry = readdir(list)) {
     const size_t digits = strspn(entry->d_name, "0123456789");
     count += digits > 0 && strcmp(entry->d_name + digits, ending) == 0;

@@ -21,7 +21,7 @@ ern_status ern_prepare_check_stays(const struct ern_prepare_job *job) {
                   job->folder);
 }
 
-/* Neither a file of the clip nor the folder that it lies in is a symbolic link: what a link leads to is somebody's. */
+/* Refuses a symbolic link as a file of the clip or as its folder: the link's target belongs to someone else. */
 static ern_status refuse_links(const struct ern_prepare_job *job, char path[ERN_PREPARE_PATH], size_t begin) {
   struct stat about;
   for (char *slash = strchr(path + begin, '/');; slash = NULL) {
@@ -91,5 +91,5 @@ void ern_prepare_add_reason(struct ern_prepare_job *job, ern_prepare_grade grade
 }
 
 void ern_prepare_figure(struct ern_prepare_job *job, const char *name, double value) {
-  (void)json_object_set_new(job->figures, name, json_real(value)); /* NaN and infinity are no JSON: left out */
+  (void)json_object_set_new(job->figures, name, json_real(value)); /* left out for NaN and infinity, which JSON lacks */
 }

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: MIT
- * Whose files they are. record.made has what calls made, by the names of the table below: of the files of frames how
- * many, from ID 0 on, in brackets from before they are written to the end of the call; of another file its SHA-256, or
- * "" for so long. What came to nothing is taken back. Nothing else that lies in the clip is removed or replaced without
- * options->anew. */
+ * Tracks which files `prepare` made. record.made has an entry for each name of the table below. Numbered files (of
+ * frames): their count from ID 0 on, as [count] while the call that writes them runs. Another file: its SHA-256, ""
+ * while that call runs. Entries of files that were not written are removed at the end. Other files of the clip are
+ * removed or replaced only with options->anew. */
 #include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
@@ -18,7 +18,7 @@
 
 enum { FACE, POSE, LANDMARKS, LAYERS, EYES, FEATURES, REPORT, NAME = 64 };
 
-/* Those of one folder follow each other; "": the clip's own. */
+/* Grouped by folder; "": the clip's own folder. */
 static const struct file {
   const char *folder;
   const char *name; /* ".jpg": ID.jpg of every frame */
@@ -48,7 +48,7 @@ static const struct file {
              {"", "report.html", REPORT}};
 enum { FILES = sizeof files / sizeof *files };
 
-/* FOLDER/NAME; of a frame's file FOLDER/.ENDING, which stands for those of all frames. */
+/* FOLDER/NAME; for numbered files FOLDER/.ENDING, which means those of all frames. */
 static void name_of(const struct file *file, char name[NAME]) {
   snprintf(name, NAME, "%s%s%s", file->folder, file->folder[0] != 0 ? "/" : "", file->name);
 }
@@ -59,7 +59,7 @@ static bool is_one_of(const struct file *file, const char *name) {
   return file->folder[0] == 0 && strcmp(file->name, name) == 0;
 }
 
-/* Whether the step's record has no such figure, or one that is not 0. */
+/* Whether the step's figure is missing in the record or not 0. */
 static bool has(const struct ern_prepare_job *job, const char *step, const char *figure) {
   const json_t *done = json_object_get(json_object_get(job->record, "steps"), step);
   const json_t *value = json_object_get(json_object_get(done, "figures"), figure);
@@ -103,14 +103,14 @@ static json_t *noted(const struct ern_prepare_job *job, const struct file *file)
   return json_object_get(json_object_get(job->record, "made"), name);
 }
 
-/* Of the files of frames: IDs below it are those that calls made. */
+/* For numbered files: `prepare` made those with an ID below the returned count. */
 static size_t made_count(const struct ern_prepare_job *job, const struct file *file) {
   const json_t *note = noted(job, file);
   const json_int_t count = json_integer_value(json_is_array(note) ? json_array_get(note, 0) : note);
   return count > 0 && count <= ERN_PREPARE_FRAMES ? (size_t)count : 0;
 }
 
-/* Of another file: whether it is as a call left it, or is not there any more. */
+/* For another file: whether it is unchanged since `prepare` made it, or has been deleted. */
 static bool is_made(const struct ern_prepare_job *job, const struct file *file) {
   char name[NAME], path[ERN_PREPARE_PATH], found[65];
   const char *hash = json_string_value(noted(job, file));
@@ -121,7 +121,7 @@ static bool is_made(const struct ern_prepare_job *job, const struct file *file) 
          ern_file_sha256(job->context, path, found) == ERN_OK && strcmp(found, hash) == 0;
 }
 
-/* A file that is no link goes; what else has that name stays. */
+/* Removes a regular file; a link, folder or device of that name stays. */
 static ern_status take_away(struct ern_prepare_job *job, int folder, const char *inside, const char *name) {
   char path[ERN_PREPARE_PATH];
   struct stat about;
@@ -133,7 +133,7 @@ static ern_status take_away(struct ern_prepare_job *job, int folder, const char 
   return status == ERN_OK ? ern_file_refused(job->context, path, "remove") : status;
 }
 
-/* The files of the table from `first` on that lie in its folder; *next is the first one that does not. */
+/* Removes the files of the table from `first` on that are in its folder; *next: the first entry of another folder. */
 static ern_status clear_folder(struct ern_prepare_job *job, int first, int *next) {
   ern_status status = ERN_OK;
   char path[ERN_PREPARE_PATH], name[NAME];
@@ -143,7 +143,7 @@ static ern_status clear_folder(struct ern_prepare_job *job, int first, int *next
   if (snprintf(path, sizeof path, "%s/%s", job->folder, inside) >= (int)sizeof path) return ERN_OK;
   ERN_TRY(ern_prepare_check_stays(job));
   folder = open(path, O_RDONLY | O_DIRECTORY | O_CLOEXEC | (inside[0] != 0 ? O_NOFOLLOW : 0));
-  if (folder < 0) return ERN_OK; /* there is none, or it is a link */
+  if (folder < 0) return ERN_OK; /* it does not exist, or is a link */
   for (int k = first; k < *next; k++) {
     if (!is_numbered(&files[k])) {
       if (job->options->anew || is_made(job, &files[k])) ERN_TRY(take_away(job, folder, inside, files[k].name));
@@ -155,7 +155,7 @@ static ern_status clear_folder(struct ern_prepare_job *job, int first, int *next
       ERN_TRY(take_away(job, folder, inside, name));
     }
   }
-  if (inside[0] != 0) (void)rmdir(path); /* where nothing else is in it */
+  if (inside[0] != 0) (void)rmdir(path); /* succeeds where it is empty */
 fail:
   if (folder >= 0) close(folder);
   return status;
@@ -171,7 +171,8 @@ fail:
   return status;
 }
 
-/* Of FOLDER/NAME or NAME, where ID.ENDING is any frame's, *id then its number; NULL: no step writes that. */
+/* The table's entry for FOLDER/NAME or NAME; ID.ENDING matches a numbered file, and *id is its number. NULL: no step
+ * writes that name. */
 static const struct file *find(const char *name, size_t *id) {
   const char *slash = strchr(name, '/');
   const char *last = slash != NULL ? slash + 1 : name;
@@ -210,7 +211,8 @@ static ern_status refuse_file(const struct ern_prepare_job *job, const char *pat
                   path);
 }
 
-/* The file of a frame, as it may be written: of the clip's frames, or of any where their count is not known yet. */
+/* Checks that numbered files may be written: those of the clip's frames, or of any ID where the frame count is not
+ * known yet. */
 static ern_status check_numbered(const struct ern_prepare_job *job, const struct file *file, bool any) {
   ern_status status = ERN_OK;
   char path[ERN_PREPARE_PATH];
@@ -238,7 +240,7 @@ static ern_status check_named(const struct ern_prepare_job *job, const struct fi
   name_of(file, name);
   const ern_status status = ern_prepare_path(job, path, "%s", name);
   if (status != ERN_OK || stat(path, &about) != 0 || job->options->anew) return status;
-  if (!S_ISREG(about.st_mode)) /* it would stay where the clip's own files are removed, and be in the way then */
+  if (!S_ISREG(about.st_mode)) /* it is never removed and would block the clip's own file */
     return ern_fail(job->context, ERN_E_EXISTS, "%s: is no regular file; expected one, or nothing by that name", path);
   return is_made(job, file) ? ERN_OK : refuse_file(job, path);
 }
@@ -259,7 +261,7 @@ fail:
   return status;
 }
 
-/* Takes `value` over. */
+/* Takes ownership of `value`. */
 static ern_status note(struct ern_prepare_job *job, const struct file *file, json_t *value) {
   char name[NAME];
   name_of(file, name);
@@ -287,8 +289,8 @@ fail:
   return status;
 }
 
-/* What is to be noted of files of frames: where a call has just noted them those before the first that is not there,
- * which it did not come to; else all that were noted, unless none is there. */
+/* The new entry of numbered files. Where this call wrote them ([count]): the number of files before the first missing
+ * one, which it did not reach. Else the old count, or NULL where none of them exists. */
 static json_t *count_there(const struct ern_prepare_job *job, const struct file *file) {
   const bool open = json_is_array(noted(job, file));
   const size_t count = made_count(job, file);

@@ -8,18 +8,19 @@
 #include "prepare/head_shape.h"
 #include "prepare/prepare_job.h"
 
-/* Sides of the picture: the height of a head whose pose is supplied. */
+/* Bounds of the projected height of a head with a supplied pose, in sides of the picture. */
 static const double least_head = 0.1, most_head = 3;
-/* Degrees, of most frames of those: about the line of sight, and between the way the face looks and the camera. */
+/* Bounds in degrees for most frames of supplied poses: of the roll about the line of sight, and of the angle between
+ * the face's direction and the camera. */
 static const double most_roll = 60, most_aside = 60;
 
-/* The first ten elevenths are for training; each part has a frame at least. */
+/* The first ten elevenths are for training; each part has at least one frame. */
 static size_t training_frames(size_t frames) {
   const size_t validation = frames / 11 > 0 ? frames / 11 : 1;
   return frames - validation;
 }
 
-/* transform_matrix is the way back: [R^T | -R^T t]. */
+/* transform_matrix is the inverse transform: [R^T | -R^T t]. */
 static void to_matrix(const struct ern_head_pose *pose, double m[4][4]) {
   for (int i = 0; i < 3; i++) {
     m[i][3] = 0;
@@ -85,7 +86,7 @@ static ern_status check_camera(struct ern_prepare_job *job, const char *path, do
                   most);
 }
 
-/* Metres or not, a head has a size in the picture. */
+/* Checks the head's projected size, which does not depend on the unit of length. */
 static ern_status check_distance(struct ern_prepare_job *job, const char *path, size_t frame, double focal,
                                  double distance) {
   const double height = 2 * ERN_HEAD_TALL * focal / distance / job->side;
@@ -96,7 +97,7 @@ static ern_status check_distance(struct ern_prepare_job *job, const char *path, 
                   path, frame, distance, height, least_head, most_head);
 }
 
-/* The head's middle is a point of the picture. */
+/* Checks that the head's centre projects into the picture. */
 static ern_status check_place(struct ern_prepare_job *job, const char *path, size_t frame, double focal,
                               const struct ern_head_pose *pose) {
   const double *at = pose->translation;
@@ -108,12 +109,13 @@ static ern_status check_place(struct ern_prepare_job *job, const char *path, siz
                   path, frame, x, y, job->side);
 }
 
-/* Degrees that the head is rolled by in the picture. */
+/* The head's roll in the picture, degrees. */
 static double roll_of(const struct ern_head_pose *pose) {
   return atan2(-pose->rotation[0][1], pose->rotation[1][1]) * 57.29577951308232;
 }
 
-/* Degrees between the way the face looks, the head's z, and the way from the head to the camera: 0..180. */
+/* The angle between the face's direction (the head's z) and the direction from the head to the camera, degrees, 0..180.
+ */
 static double aside_of(const struct ern_head_pose *pose) {
   const double *t = pose->translation;
   double along = 0;
@@ -122,7 +124,7 @@ static double aside_of(const struct ern_head_pose *pose) {
   return acos(fmin(fmax(along, -1), 1)) * 57.29577951308232;
 }
 
-/* A head may lie or look aside for a while, not in most frames. */
+/* Checks roll and direction of most frames: a head may lie or face aside for a while only. */
 static ern_status check_angle(struct ern_prepare_job *job, const char *path, const struct ern_head_pose *poses,
                               double angle(const struct ern_head_pose *pose), double most, const char *found,
                               const char *expected) {
@@ -139,7 +141,7 @@ static ern_status check_angle(struct ern_prepare_job *job, const char *path, con
                   path, first, found, angle(&poses[first]), beyond, job->frames, most, expected);
 }
 
-/* Takes the poses of a file by img_id; seen[frames] says which frames have one. `unheard`: as in
+/* Reads the poses of a file by img_id; seen[frames] marks the frames that have one. `unheard`: as in
  * ern_prepare_poses_supplied(), counted on; NULL: a file of the clip's own. */
 static ern_status read_file(struct ern_prepare_job *job, const char *path, struct ern_head_pose *poses, bool *seen,
                             size_t *unheard) {
@@ -177,7 +179,7 @@ fail:
   return status;
 }
 
-/* From one file, or with NULL from the clip's two. */
+/* Reads the poses from one file; supplied NULL: from the clip's two files. */
 static ern_status read_poses(struct ern_prepare_job *job, const char *supplied, struct ern_head_pose *poses,
                              size_t *unheard) {
   static const char *const parts[] = {"transforms_train.json", "transforms_val.json"};

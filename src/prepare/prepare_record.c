@@ -27,7 +27,7 @@ static ern_status is_empty(struct ern_prepare_job *job, bool *empty) {
   return ERN_OK;
 }
 
-/* What must be the same for the frames of an earlier call to be those of this one. */
+/* The "source" entry of the record. Where it is equal, the frames of an earlier call are valid for this call. */
 static json_t *source(const struct ern_prepare_job *job, const struct stat *video) {
   json_t *about = json_pack("{s:I, s:I, s:I, s:f, s:f, s:i}", "bytes", (json_int_t)video->st_size, "modified",
                             (json_int_t)video->st_mtim.tv_sec, "nanoseconds", (json_int_t)video->st_mtim.tv_nsec,
@@ -39,9 +39,9 @@ static json_t *source(const struct ern_prepare_job *job, const struct stat *vide
   return NULL;
 }
 
-/* What an earlier record says of the files that are there is kept. */
+/* Begins a new record; keeps the earlier record's entries for existing files. */
 static ern_status begin_record(struct ern_prepare_job *job, json_t *about) {
-  json_t *name = json_string(job->video); /* NULL where it is no UTF-8 */
+  json_t *name = json_string(job->video); /* NULL where it is not UTF-8 */
   json_t *made = json_deep_copy(json_object_get(job->record, "made"));
   const json_int_t frames = json_integer_value(json_object_get(job->record, "frames"));
   json_decref(job->record);
@@ -72,7 +72,7 @@ fail:
   return status;
 }
 
-/* The stretch that an earlier call chose. */
+/* Reads the segment that an earlier call chose. */
 static ern_status read_segment(struct ern_prepare_job *job, const char *path) {
   json_t *segment = json_object_get(job->record, "segment");
   double from = 0, to = 0;
@@ -85,12 +85,12 @@ static ern_status read_segment(struct ern_prepare_job *job, const char *path) {
   return ERN_OK;
 }
 
-/* Records of version 1 do not name all files that calls made. */
+/* Whether the record has version 1, which does not list all files that `prepare` made. */
 static bool is_earlier(const struct ern_prepare_job *job) {
   return json_integer_value(json_object_get(job->record, "version")) < VERSION;
 }
 
-/* Whether an earlier call has refused the video: the folder has no frames then. */
+/* Whether an earlier call refused the video; the folder then has no frames. */
 static bool is_refused(const struct ern_prepare_job *job) {
   const json_t *face = json_object_get(json_object_get(job->record, "steps"), "face");
   const char *grade = json_string_value(json_object_get(face, "verdict"));

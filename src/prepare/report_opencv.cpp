@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * No exception and no type of C++ leaves this file. */
+ * No exception and no C++ type leaves this file. */
 #include <cmath>
 #include <exception>
 #include <new>
@@ -14,7 +14,7 @@ extern "C" {
 namespace {
 
 constexpr double axis = 0.06;
-constexpr int shift = 4; /* OpenCV's drawing takes sixteenths of a pixel */
+constexpr int shift = 4; /* OpenCV draws with coordinates in sixteenths of a pixel */
 
 cv::Point sixteenths(const double pixel[2]) {
   const auto whole = [](double value) {

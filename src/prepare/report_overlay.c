@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * overlay.mp4: every frame with its pose and landmarks, and the sound. */
+ * Writes overlay.mp4: every frame with its pose and landmarks drawn, and the sound. */
 #include <stdio.h>
 #include <unistd.h>
 

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * report.html: one page without scripts; its pictures lie in prepare/. */
+ * Writes report.html: one page without scripts; its pictures are in prepare/. */
 #include <math.h>
 #include <stdarg.h>
 #include <stdio.h>
@@ -16,7 +16,7 @@ enum { SHOWN = 8, PLOT_WIDTH = 880, PLOT_HEIGHT = 110, LINE = 2048 };
 struct page {
   struct ern_prepare_job *job;
   struct ern_file_writer file;
-  ern_status status; /* the first that failed */
+  ern_status status; /* of the first write that failed */
 };
 
 static void put(struct page *page, const char *format, ...) ERN_PRINTF(2, 3);
@@ -30,7 +30,7 @@ static void put(struct page *page, const char *format, ...) {
     page->status = ern_file_writer_write(&page->file, line, length < LINE ? (size_t)length : LINE - 1);
 }
 
-/* A text between tags. */
+/* Writes text, escaped for HTML. */
 static void put_text(struct page *page, const char *text) {
   for (; *text != 0; text++) {
     if (*text == '<' || *text == '>' || *text == '&' || *text == '"')
@@ -40,7 +40,7 @@ static void put_text(struct page *page, const char *text) {
   }
 }
 
-/* A curve over the frames, with its largest value; many frames share a column, which shows the largest of them. */
+/* Plots a curve over the frames, with its largest value. A column of the plot shows the largest value of its frames. */
 static void put_plot(struct page *page, const char *title, const char *unit, const float *values, size_t count) {
   const size_t columns = count < PLOT_WIDTH ? count : PLOT_WIDTH;
   float most = 0;
@@ -89,7 +89,7 @@ static ern_status put_path(struct page *page, const struct ern_head_pose *poses)
   return ERN_OK;
 }
 
-/* A column of a table that a step may have left. */
+/* Plots a column of a step's table, if the file exists. */
 static void put_column(struct page *page, const char *file, const char *column, const char *title, const char *unit) {
   char path[ERN_PREPARE_PATH], kept[ERN_ERROR_BYTES];
   float *values = NULL;
@@ -102,7 +102,7 @@ static void put_column(struct page *page, const char *file, const char *column, 
   ern_release(page->job->context, values);
 }
 
-/* The frame with pose and landmarks, as prepare/shown_K.jpg. */
+/* Writes a frame with pose and landmarks drawn as prepare/shown_K.jpg. */
 static ern_status draw_frame(struct ern_prepare_job *job, size_t shown, size_t frame,
                              const struct ern_head_pose *pose) {
   ern_status status = ERN_OK;

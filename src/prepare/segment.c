@@ -9,14 +9,14 @@
 #include "prepare/footage.h"
 #include "prepare/stabilized_crop.h"
 
-enum { SOUND_RATE = 16000, TRIED = 100 /* places in the length of a stretch at which one may begin */ };
+enum { SOUND_RATE = 16000, TRIED = 100 /* candidate start positions within a segment's length */ };
 static const double auto_length = 180, auto_longer = 300, shortest = 1,
                     longest = 1800; /* seconds; ERN_PREPARE_FRAMES */
 
 struct ern_segment_look {
-  float place[3]; /* middle x, y and log of the width, in widths */
+  float place[3]; /* centre x, y in widths of the face, and log of the width */
   bool face, loud;
-  bool cut, cut_before; /* after the look before and up to this one; of these, before this one's frame */
+  bool cut, cut_before; /* a cut since the previous look, up to this one's frame; one before this one's frame */
 };
 
 ern_status ern_segment_read(ern_context *context, const char *text, double *length, double *longer_than) {
@@ -61,8 +61,8 @@ void ern_segment_free(ern_context *context, struct ern_segment_search *search) {
   *search = (struct ern_segment_search){0};
 }
 
-/* Looks whose sound, up to the next look, is louder than a tenth (-20 dB) of the video's loud parts. All are where
- * there is no sound. */
+/* Sets `loud` for looks whose sound, up to the next look, is louder than a tenth (-20 dB) of the video's loud parts
+ * (95th percentile); for all looks where there is no sound. */
 static ern_status measure_sound(struct ern_prepare_job *job, struct ern_segment_look *looks, size_t count,
                                 size_t every) {
   ern_status status = ERN_OK;
@@ -95,7 +95,7 @@ fail:
   return status;
 }
 
-/* How good a stretch is, 0..4; below 0 where there is a cut in it. `values`: memory for the stretch. */
+/* The score of a segment, 0..4; below 0 where it has a cut. values: scratch, [length]. */
 static double worth(const struct ern_segment_look *looks, size_t length, bool cut_at_end, float *values) {
   size_t faces = 0, loud = 0, n = 0;
   double square = 0;
@@ -112,7 +112,7 @@ static double worth(const struct ern_segment_look *looks, size_t length, bool cu
     const float low = ern_quantile(values, n, 0.1), high = ern_quantile(values, n, 0.9);
     square += (double)((high - low) * (high - low));
   }
-  /* more than half a face's width apart is no better: the square of the clip grows with it */
+  /* a spread above half a face's width adds nothing, as the clip's square grows with it */
   const double spread = fmin(2 * sqrt(square), 1);
   return (2 * (double)faces + (double)loud) / (double)length + spread;
 }

@@ -22,7 +22,7 @@ ern_status ern_frame_grey(const struct ern_prepare_job *job, size_t frame, uint8
   return ERN_OK;
 }
 
-/* Bilinear, the edge repeated; x, y are of pixel corners, so the first pixel's middle is 0.5. */
+/* Bilinear sample with the edge repeated; coordinates count from pixel corners, so the first pixel's centre is 0.5. */
 static float sample(const uint8_t *grey, int side, double x, double y) {
   const double u = fmin(fmax(x - 0.5, 0), side - 1.001), v = fmin(fmax(y - 0.5, 0), side - 1.001);
   const size_t i = (size_t)u, k = (size_t)v;

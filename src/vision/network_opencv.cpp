@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * Networks by OpenCV's DNN module, on the CPU, and optical flow. No exception and no type of C++ leaves this file. */
+ * Networks by OpenCV's DNN module, on the CPU, and optical flow. No exception and no C++ type leaves this file. */
 #include <cstdio>
 #include <exception>
 #include <new>
@@ -17,7 +17,7 @@ struct ern_vision_network {
 
 namespace {
 
-/* OpenCV writes to stderr what its exceptions say too, by one level for the whole process. */
+/* Disables OpenCV's log in this scope: it repeats the exceptions' texts on stderr. Its level is process-wide. */
 class Hush {
  public:
   Hush() : before_(cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT)) {}
@@ -29,7 +29,7 @@ class Hush {
   cv::utils::logging::LogLevel before_;
 };
 
-/* What stands between two texts, the first being the last of its kind; "" where they do not. */
+/* The text between the last occurrence of `first` and the next `second`; "" where either is missing. */
 std::string between(const std::string &text, const std::string &first, const std::string &second) {
   const size_t at = text.rfind(first);
   if (at == std::string::npos) return "";
@@ -37,7 +37,7 @@ std::string between(const std::string &text, const std::string &first, const std
   return end == std::string::npos ? "" : text.substr(begin, end - begin);
 }
 
-/* What follows the last "in function '...'" on its next lines, each behind one or more "> ", as one line. */
+/* The lines after the last "in function '...'", each without its leading "> ", joined to one line. */
 std::string below(const std::string &text) {
   const size_t mark = text.rfind(" in function "), begin = mark != std::string::npos ? text.find('\n', mark) : mark;
   std::string line;
@@ -54,9 +54,9 @@ std::string below(const std::string &text) {
   return line;
 }
 
-/* Of "OpenCV(4.6.0) FILE:LINE: error: (-2:Unspecified error) in function 'handleNode'
- * > Node [Einsum@ai.onnx]:(onnx_node!NAME) parse error: OpenCV(4.6.0) FILE:LINE: error: (-2:...) REASON in function..."
- * the operator, its node and the reason. */
+/* Extracts from "OpenCV(4.6.0) FILE:LINE: error: (-2:Unspecified error) in function 'handleNode' > Node
+ * [Einsum@ai.onnx]:(onnx_node!NAME) parse error: OpenCV(4.6.0) FILE:LINE: error: (-2:...) REASON in function..." the
+ * operator, its node and the reason. */
 void put(const cv::Exception &error, char words[ERN_VISION_WORDS]) {
   const std::string text = error.what(), kind = between(text, "Node [", "@");
   std::string node = between(text, "]:(", ")"), reason = between(text, "error: (", " in function");
@@ -66,7 +66,7 @@ void put(const cv::Exception &error, char words[ERN_VISION_WORDS]) {
   if (code != std::string::npos)
     reason.erase(0, code + 2);
   else if (!reason.empty() && reason.back() == ')')
-    reason = below(text); /* "(-2:Unspecified error) in function" alone: the reason stands behind it */
+    reason = below(text); /* "(-2:Unspecified error) in function" alone: the reason follows */
   if (reason.empty()) reason = error.err.empty() ? text : error.err;
   if (kind.empty())
     snprintf(words, ERN_VISION_WORDS, "%.400s", reason.c_str());

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
- * libernerf-vision: networks and optical flow by OpenCV. libernerf-media opens it when the first of them is asked for,
- * so that nobody else loads those modules. It needs nothing of libernerf: an error is a status and words. */
+ * libernerf-vision: neural networks and optical flow by OpenCV. libernerf-media loads it on first use, so that other
+ * programs do not load these OpenCV modules. It does not depend on libernerf: it reports an error as a status and a
+ * text. */
 #ifndef ERN_VISION_VISION_H
 #define ERN_VISION_VISION_H
 
@@ -21,15 +22,16 @@ struct ern_vision_array {
 /* One thread at a time uses a network. */
 struct ern_vision_network;
 
-/* The functions of the library. What fails leaves words, which do not name the file. */
+/* The functions of the library. A function that fails writes an error text to `words`, without the file's name. */
 struct ern_vision {
   const char *version; /* of the library: "0.1.0" */
   const char *opencv;  /* "4.6.0" */
-  /* Makes a network of the bytes of an ONNX file, which are not needed any more afterwards. Their sizes must have been
-   * checked (io/onnx.h): OpenCV's importer believes them. ERN_E_UNSUPPORTED: the importer does not take it. */
+  /* Makes a network from the bytes of an ONNX file; the caller may free the bytes afterwards. The caller must have
+   * validated the sizes in the file (io/onnx.h): OpenCV's importer does not. ERN_E_UNSUPPORTED: the importer refuses
+   * the file. */
   ern_status (*open)(const void *bytes, size_t count, struct ern_vision_network **network,
                      char words[ERN_VISION_WORDS]);
-  /* Computes the output of that name of one input. *out lies in the network until its next call. */
+  /* Computes the output named `output` from one input. *out is owned by the network and valid until its next call. */
   ern_status (*run)(struct ern_vision_network *network, const struct ern_vision_array *in, const char *output,
                     struct ern_vision_array *out, char words[ERN_VISION_WORDS]);
   void (*free)(struct ern_vision_network *network); /* accepts NULL */
@@ -39,7 +41,7 @@ struct ern_vision {
                      char words[ERN_VISION_WORDS]);
 };
 
-/* The one symbol. */
+/* The only exported symbol. */
 extern ERN_API const struct ern_vision ern_vision;
 
 #ifdef __cplusplus

@@ -68,13 +68,13 @@ static void multiply(float *out, const float *a, size_t a_row, const float *scal
   }
 }
 
-/* Packed columns that n inputs take, and the density's in all. */
+/* Packed columns of n inputs, and of all of the density's inputs. */
 static size_t rows_padded(const struct ern_frame_net *net, size_t n) { return net->pairs ? ern_pairs(n) : n; }
 static size_t density_rows(const struct ern_frame_net *net) {
   return rows_padded(net, net->features) + rows_padded(net, net->attention) + net->eye;
 }
 
-/* A [rows][columns], rows `row_step` apart, from place `at` of a layer that takes `width`. */
+/* Packs A [rows][columns], rows `row_step` apart, as the columns from `at` on of a layer with `width` columns. */
 static void pack_part(const struct ern_frame_net *net, float *packed, size_t width, size_t at, const float *a,
                       size_t row_step, size_t rows, size_t columns) {
   if (net->pairs)
@@ -86,7 +86,8 @@ static void pack(const struct ern_frame_net *net, float *packed, const float *w,
   pack_part(net, packed, rows_padded(net, columns), 0, w, columns, rows, columns);
 }
 
-/* The colour's first layer reads [SH, geometry, code]; the density's last one gives [log sigma, geometry]. */
+/* The inputs of the colour's first layer are [SH, geometry, code]; the outputs of the density's last layer are [log
+ * sigma, geometry]. */
 static void pack_model(struct ern_frame_net *net, const struct ern_field *field, const float *parameters) {
   const size_t wide = (size_t)field->density.width[0], inputs = (size_t)field->colour.width[0];
   const float *last = layer(&field->density, parameters, 2), *first = layer(&field->colour, parameters, 0);

@@ -1,15 +1,17 @@
 /* SPDX-License-Identifier: MIT
- * The head as rendering reads it: what does not change with the sample is worked out once for a model or a frame.
+ * The head's weights in the layout of the renderer: what does not depend on the sample is precomputed once for a model
+ * or for a frame.
  *
  * Once for a model: the weights are packed for the tile product (pack.h); the last density layer and the first colour
- * layer, between which there is no activation, are one matrix; the grids are unhashed, so that the two neighbours along
- * the first coordinate always lie side by side.
- * Once for a frame: the audio code a scales the attention's last layer, which has no activation behind it either:
+ * layer, with no activation between them, become one matrix; the grids are unhashed, so that the two neighbours along
+ * the first coordinate are always contiguous. Once for a frame: the audio code a scales the attention's last layer,
+ * which has no activation behind it either:
  *   W_region (a * (W_v h)) = (W_region diag(a) W_v) h, one matrix over the hidden attention h;
- * the individual code gives the colour's first layer a constant.
+ * the individual code becomes a constant term of the colour's first layer.
  *
- * For instruction sets that multiply pairs of bf16 the layers of a sample are packed so (pack_pairs.h), each part of
- * the density's input filled up to whole pairs. What a ray adds (`ray`, `code`) stays in float. */
+ * For instruction sets that multiply pairs of bf16, the layers that run for each sample are packed in pairs
+ * (pack_pairs.h); each part of the density's input is padded to whole pairs. The terms of a ray (`ray`, `code`) stay in
+ * float. */
 #ifndef ERN_FRAME_NET_H
 #define ERN_FRAME_NET_H
 
@@ -30,8 +32,8 @@ struct ern_frame_net {
   float bound, eye_value;
   bool eye, pairs;
   size_t features, attention, eye_hidden, density, colour, value_rows; /* widths of inputs and hidden layers */
-  size_t harmonics; /* of the direction, that the colour reads: 16 or 0 */
-  /* packed, all but `ray` in pairs of bf16 where `pairs` says so; [rows] x [columns] */
+  size_t harmonics; /* spherical harmonics of the direction, inputs of the colour MLP: 16 or 0 */
+  /* packed; where `pairs` is set, all but `ray` in pairs of bf16; [rows] x [columns] */
   float *attention1;  /* [attention] x [features] */
   float *eye1, *eye2; /* [eye_hidden] x [features]; [1] x [eye_hidden] */
   float *value;       /* [value_rows] x [attention]: v itself, for its norm */
@@ -42,18 +44,18 @@ struct ern_frame_net {
   float *ray;         /* [colour] x [harmonics] */
   float *colour2;     /* [3] x [colour] */
   float *code;        /* [colour], plain; of the frame */
-  float *folded;      /* a product on its way into one of these */
+  float *folded;      /* a temporary product before packing */
   float *memory;      /* of all the above */
 };
 
-/* Whether a model has the layers that the net is made of. */
+/* Whether a model has the layers that the net supports. */
 bool ern_frame_net_fits(const struct ern_field *field);
-/* Everything that the model alone decides, with layers in pairs of bf16 or in floats. The caller frees *net.
+/* Computes the parts that depend on the model alone, with layers in pairs of bf16 or in floats. The caller frees *net.
  * parameters: the whole block. */
 ern_status ern_frame_net_make(ern_context *context, const struct ern_field *field, const float *parameters, bool pairs,
                               struct ern_frame_net **net);
 void ern_frame_net_free(ern_context *context, struct ern_frame_net *net); /* accepts NULL */
-/* What a frame decides. code: [ERN_AUDIO_CODE]; individual: row of the individual codes. */
+/* Computes the parts that depend on the frame. code: [ERN_AUDIO_CODE]; individual: row of the individual codes. */
 void ern_frame_net_fold(struct ern_frame_net *net, const struct ern_field *field, const float *parameters,
                         const float *code, float eye_value, size_t individual);
 

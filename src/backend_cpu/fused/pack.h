@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * Weights as the register-tiled product of gemm_tile.h reads them: [group][column][ERN_PACK], group g holding the rows
- * g*ERN_PACK and on; rows behind the last are zeros. */
+ * Packs weights for the register-tiled product of gemm_tile.h: [group][column][ERN_PACK]. Group g has the ERN_PACK rows
+ * from g*ERN_PACK on; rows past the last are zeros. */
 #ifndef ERN_PACK_H
 #define ERN_PACK_H
 

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * Weights as the product of bf16 pairs reads them (gemm_tile_bf16.h): as pack.h has them, with two columns, rounded, in
- * the room of one float: the even column in the lower half. Behind an odd last column there is a zero. */
+ * Packs weights for the product of bf16 pairs (gemm_tile_bf16.h): the layout of pack.h with two columns, rounded to
+ * bf16, in each float: the even column in the lower half. An odd last column is paired with a zero. */
 #ifndef ERN_PACK_PAIRS_H
 #define ERN_PACK_PAIRS_H
 
@@ -19,7 +19,7 @@ static inline uint32_t ern_bf16(float value) {
   return (bits + 0x7fffu + (bits >> 16 & 1)) >> 16;
 }
 
-/* Pairs that n values make. */
+/* Number of pairs of n values. */
 static inline size_t ern_pairs(size_t n) { return (n + 1) / 2; }
 
 /* packed[pairs of columns of it `at` ..] = A [rows][columns], A (r, c) at a[r*row_step + c]; `packed` is `width` pairs

@@ -30,7 +30,8 @@ static ern_status prepare(struct ern_stream *stream, struct ern_render_prepare_a
 
 /* ---- which rays, and in which order ------------------------------------------------------------------------------ */
 
-/* The rays of blocks that see an occupied cell, block by block: neighbours meet the same cells of the grids. */
+/* The rays of the blocks that see an occupied cell, block by block: neighbouring rays read the same cells of the grids.
+ */
 struct ray_order {
   int32_t *ray;
   float *not_before;
@@ -42,7 +43,7 @@ static size_t block_of(int32_t pixel, const struct ern_view *view, size_t across
   return row / SIDE * across + column / SIDE;
 }
 
-/* A counting sort by block; `first` has room for a number a block and one more. */
+/* A counting sort by block; `first` has one element more than there are blocks. */
 static void sort_rays(struct ray_order *order, const struct ern_render_rays_args *a, const float *nearest,
                       int32_t *block, int32_t *first, size_t blocks) {
   const int32_t *pixel = (const int32_t *)a->pixel_number.buffer->memory + a->pixel_number.at;
@@ -63,7 +64,7 @@ static void sort_rays(struct ray_order *order, const struct ern_render_rays_args
   }
 }
 
-/* Whether the rays are all pixels in their order, as a frame's are: blocks then need no sorting. */
+/* Whether the rays are all pixels in order, as in a frame: then no sorting is needed. */
 static bool is_picture(const struct ern_render_rays_args *a) {
   const int32_t *pixel = (const int32_t *)a->pixel_number.buffer->memory + a->pixel_number.at;
   if (a->n != (size_t)a->view.width * (size_t)a->view.height) return false;
@@ -123,7 +124,7 @@ struct render_job {
   struct ern_profile *profile; /* by thread; NULL: not wanted */
 };
 
-/* Every ray as one that meets nothing; those that do are written over. */
+/* Writes every ray as one without samples (background); rays with samples overwrite it later. */
 static void fill_task(void *user, size_t task, int worker) {
   (void)worker;
   const struct ern_render_work *w = &((const struct render_job *)user)->work;

@@ -8,7 +8,7 @@
 
 enum {
   LINE = 64,           /* bytes of a cache line */
-  BATCH_SAMPLES = 8192 /* distances that a batch of rays may fill: they stay in the cache */
+  BATCH_SAMPLES = 8192 /* most distances of a batch of rays, so that they stay in the cache */
 };
 
 static size_t batch_of(const struct ern_render_work *work) {
@@ -18,7 +18,7 @@ static size_t batch_of(const struct ern_render_work *work) {
 
 static size_t most(size_t a, size_t b) { return a > b ? a : b; }
 
-/* The next `bytes` of memory, on a line of their own; memory NULL: only counted. */
+/* Cuts the next `bytes` of memory, aligned to a cache line; memory NULL: only counts them. */
 static void *carve(char *memory, size_t *used, size_t bytes) {
   void *at = memory != NULL ? memory + *used : NULL;
   *used += (bytes + LINE - 1) / LINE * LINE;
@@ -59,7 +59,7 @@ struct render_scratch *ern_render_scratch_make(void *scratch, const struct ern_r
   struct render_scratch *s = scratch;
   memset(scratch, 0, ern_render_worker_scratch(work));
   lay_out(s, scratch, work);
-  /* as render/march_ref.c has it */
+  /* as in render/march_ref.c */
   s->shortest = (float)(2 * sqrt(3.0) / work->settings.max_steps);
   s->longest = (float)(2 * sqrt(3.0) / ERN_OCCUPANCY_SIDE);
   if (s->shortest > s->longest) s->shortest = s->longest;

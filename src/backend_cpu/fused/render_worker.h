@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * The fused pass of rendering: one thread's share of a frame, from pixel numbers to pixels. */
+ * The fused rendering pass: one thread's part of a frame, from pixel numbers to pixels. */
 #ifndef ERN_RENDER_WORKER_H
 #define ERN_RENDER_WORKER_H
 
@@ -7,7 +7,7 @@
 #include "backend_cpu/fused/frame_net.h"
 #include "core/profile.h"
 
-/* What all threads share. Rays are numbered by their place in pixel_number; outputs are by ray. */
+/* Shared by all threads. A ray's number is its index in pixel_number; outputs are indexed by ray. */
 struct ern_render_work {
   const struct ern_frame_net *net;
   ern_rays_kernel *rays;
@@ -18,8 +18,8 @@ struct ern_render_work {
   float transmittance_stop;
   const uint8_t *bits;
   const int32_t *pixel_number;
-  const int32_t *order;    /* [count]: the rays to march, neighbours in the picture close together */
-  const float *not_before; /* [count]: no occupied cell of that ray is nearer */
+  const int32_t *order;    /* [count]: the rays in marching order: neighbours in the picture are close together */
+  const float *not_before; /* [count]: the ray meets no occupied cell at a smaller distance */
   size_t count;
   float *pixel, *colour, *opacity, *depth, *attention, *eye; /* all but pixel and opacity may be NULL */
   const float *background;
@@ -29,10 +29,10 @@ struct ern_render_work {
 /* Bytes of scratch that a thread needs. */
 size_t ern_render_worker_scratch(const struct ern_render_work *work);
 
-/* ern_render_worker_kernel: takes rays off the order until none is left. *next: the first that nobody has taken, shared
- * by the threads. A ray's values do not depend on which others share its tile. scratch: aligned to a cache line.
- * profile may be NULL. */
+/* ern_render_worker_kernel: takes rays from `order` until none is left. *next: index of the first ray that no thread
+ * has taken, shared by the threads. A ray's values do not depend on the other rays of its tile. scratch: aligned to a
+ * cache line. profile may be NULL. */
 ern_render_worker_kernel ern_render_worker_avx2, ern_render_worker_avx512, ern_render_worker_neon;
-ern_render_worker_kernel ern_render_worker_avx512bf16; /* takes a net in pairs of bf16 */
+ern_render_worker_kernel ern_render_worker_avx512bf16; /* needs a net packed in pairs of bf16 */
 
 #endif

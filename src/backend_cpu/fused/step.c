@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: MIT
- * A training step of the head for the fast instruction sets: forward (step_forward.c), compositing and losses through
- * their slots, backward with the hidden values computed again, the tables' gradients level by level. train/step.c is
- * the same by stages.
+ * The fused training step of the head: forward (step_forward.c), compositing and losses by their slots, backward with
+ * recomputed hidden values, and the tables' gradients level by level. train/step.c does the same in separate stages.
  *
- * Sums over samples are made in ERN_SHARDS blocks, whose borders depend on the samples alone, and added in order. */
+ * Sums over samples are computed in ERN_SHARDS blocks, whose bounds depend only on the number of samples, and added in
+ * order. */
 #include "backend_cpu/fused/step.h"
 
 #include "backend_cpu/fused/step_pass.h"
@@ -41,7 +41,7 @@ static struct ern_train_step step_of(struct ern_stream *stream, const struct ern
                                  .parameters = reals(parameters)};
 }
 
-/* The weights, as they are and as pairs, the shards' gradients, and what each thread works in. */
+/* Takes memory for the weights as floats and as pairs, the shards' gradients, and each thread's worker. */
 static ern_status take_threads(struct ern_train_step *s, float **weights) {
   struct ern_cpu_stream *stream = (struct ern_cpu_stream *)s->stream;
   const size_t workers = (size_t)ern_pool_threads(stream->pool);
@@ -73,7 +73,7 @@ static void fill_net(struct ern_train_step *s, float *weights, const struct ern_
   s->net.factors = factors;
 }
 
-/* What is known of each marched sample. */
+/* Takes memory for the values of each marched sample. */
 static ern_status take_marched(struct ern_train_step *s) {
   float *next = NULL;
   s->stride = ern_train_padded(s->marched.total);
@@ -205,8 +205,8 @@ struct pose {
   double part[ERN_SHARDS][ERN_POSE_SLOPES];
 };
 
-/* Of a shard's samples: through the tables to positions, through the harmonics to directions, from both to the camera.
- */
+/* Gradients of a shard's samples: through the tables to positions, through the harmonics to directions, and from both
+ * to the camera pose. */
 static void pose_task(void *user, size_t k, int number) {
   struct pose *pose = user;
   const struct ern_train_step *s = pose->step;
@@ -257,14 +257,15 @@ fail:
   return status;
 }
 
-/* The tables' gradients: a task a level and plane, samples in order. With the last of them, as two tasks more, what
- * else touches no value of theirs and would keep one thread alone. */
+/* The tables' gradients: a task for each level and plane, samples in order. With `fold`, two more tasks run beside the
+ * last tables: the audio network's gradient, and the unfolding of the colour's. They share no memory with the tables
+ * and would otherwise occupy one thread alone. */
 struct tables {
   const struct ern_train_step *step;
   const float *x[3];
   size_t stride, n; /* of df */
   float *dparameters;
-  const struct ern_train_fold *fold; /* NULL: the tables alone */
+  const struct ern_train_fold *fold; /* NULL: only the tables */
   const struct ern_audio_bwd_args *audio;
 };
 static void tables_task(void *user, size_t k, int number) {
@@ -298,7 +299,7 @@ static void add_tables(const struct tables *t) {
                (void *)t);
 }
 
-/* All but the tables, which are to be added. */
+/* The backward pass without the tables' gradients, which the caller adds. */
 static ern_status backward(const struct ern_head_step_args *a, struct ern_train_step *s, struct tables *tables) {
   ern_span dsh;
   ern_status status = take_slopes(s, s->live_stride);
@@ -364,8 +365,8 @@ static ern_status move_points(const struct ern_head_step_args *a, const struct e
   return ERN_OK;
 }
 
-/* Attention, eye attention and uncertainty should not change within 1e-3; gradient through the moved points alone. Adds
- * the tables that are given, whose slopes make room for those of the moved points. */
+/* Smoothness loss: attention, eye attention and uncertainty should not change within 1e-3. The gradient flows through
+ * the moved points alone. First adds the gradients of `tables`, whose memory then takes those of the moved points. */
 static ern_status smoothness(struct ern_head_step_args *a, struct ern_train_step *s, struct tables *tables) {
   const size_t n = s->marched.total;
   const float weight = a->weights.smoothness * a->weights.s;

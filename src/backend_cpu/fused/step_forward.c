@@ -1,16 +1,16 @@
 /* SPDX-License-Identifier: MIT
- * The forward half of a fused training step, up to compositing.
+ * The forward pass of a fused training step, up to compositing.
  *
- * A ray's samples are looked at one by one, or a few at a time, and none behind the point where its light is spent:
- * they would count for nothing and have no gradient. What is left is gathered, so that all that follows sees only
- * samples that count. */
+ * A ray's samples are evaluated one by one or a few at a time, and none after its transmittance falls below the stop:
+ * they would contribute nothing and have no gradient. The contributing ("live") samples are stored contiguously, so
+ * that later passes process only these. */
 #include <math.h>
 
 #include "backend_cpu/fused/step_pass.h"
 
 enum {
-  FULL = 2 * ERN_MLP_TILE, /* a batch of fewer samples is mostly the rest of a tile */
-  MOST = 16                /* samples of a ray in a batch */
+  FULL = 2 * ERN_MLP_TILE, /* smaller batches waste much of a tile */
+  MOST = 16                /* most samples of a ray in a batch */
 };
 
 /* ---- grids ------------------------------------------------------------------------------------------------------- */
@@ -25,7 +25,7 @@ static void unhash_task(void *user, size_t k, int worker) {
   if (to->value != entries) s->train->unhash((float *)to->value, entries, level);
 }
 
-/* Levels that are dense already are read where they are. */
+/* Levels that are dense already are read in place. */
 ern_status ern_train_unhash(struct ern_train_step *s) {
   const struct ern_field *field = s->field;
   const int levels = field->config.levels;
@@ -60,11 +60,11 @@ ern_status ern_train_unhash(struct ern_train_step *s) {
 
 /* ---- samples in batches ------------------------------------------------------------------------------------------ */
 
-/* The rays of a shard that are not done, oldest first. */
+/* The queue of a shard's unfinished rays, oldest first. */
 struct waiting {
   const int32_t *first;  /* of the shard's first ray */
-  int32_t *queue, *done; /* [rays] a ring; samples looked at, by ray */
-  int32_t *live;         /* of them, those that count, by ray */
+  int32_t *queue, *done; /* [rays] ring buffer; samples evaluated, by ray */
+  int32_t *live;         /* live samples, by ray */
   float *light;          /* transmittance, by ray */
   size_t rays, head, length;
 };
@@ -85,13 +85,14 @@ static struct waiting waiting_make(const struct ern_train_step *s, struct ern_tr
   return w;
 }
 
-/* Samples that a ray gives to the next batch: one, as the light may be spent behind it, but where the rays are few. */
+/* The number of samples that a ray adds to the next batch: one, as the ray may end after it; more where few rays are
+ * left. */
 static int32_t share_of(const struct ern_train_step *s, const struct waiting *w) {
   const size_t share = w->length > 0 ? (FULL + w->length - 1) / w->length : 1;
   return share > MOST || s->everything ? MOST : (int32_t)share;
 }
 
-/* Takes the next samples of the longest waiting rays; *groups rays, and how many samples. */
+/* Collects the next samples of the rays that have waited longest; *groups: rays. Returns the number of samples. */
 static size_t collect(const struct ern_train_step *s, struct ern_train_worker *worker, struct waiting *w,
                       size_t *groups) {
   const float *x = reals(s->marched.x.span);
@@ -114,8 +115,9 @@ static size_t collect(const struct ern_train_step *s, struct ern_train_worker *w
   return count;
 }
 
-/* Lets the light through the samples of the batch; rays that have light and samples left wait again. Returns how many
- * count. The margin makes sure that compositing, which does the sum again, finds none missing. */
+/* Updates the transmittance by the samples of the batch; rays with transmittance and samples left are queued again.
+ * Returns the number of live samples. The margin makes sure that compositing, which recomputes the sum, needs no sample
+ * that was left out. */
 static size_t shine(const struct ern_train_step *s, struct ern_train_worker *worker, struct waiting *w, size_t groups) {
   const float *dt = reals(s->marched.dt), spent = s->stop * 0.999f;
   size_t at = 0, live = 0;
@@ -194,7 +196,7 @@ static void forward_task(void *user, size_t k, int number) {
 
 enum { LIVE_ROWS = 10 + 3 * 3 + 2 };
 
-/* Numbers the samples that count and takes memory for them. */
+/* Numbers the live samples and takes memory for them. */
 static ern_status take_live(struct ern_train_step *s) {
   size_t total = 0;
   float *next = NULL;
@@ -220,7 +222,7 @@ static ern_status take_live(struct ern_train_step *s) {
   return ERN_OK;
 }
 
-/* The samples of a shard's rays that count, to their new places. */
+/* Copies the live samples of a shard's rays to their contiguous place. */
 static void gather_task(void *user, size_t k, int worker) {
   (void)worker;
   const struct ern_train_step *s = user;

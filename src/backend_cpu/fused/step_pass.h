@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * A fused training step of the head in flight: what its parts share. Float only. */
+ * The state of a running fused training step of the head, shared by its parts. Float only. */
 #ifndef ERN_STEP_PASS_H
 #define ERN_STEP_PASS_H
 
@@ -10,7 +10,7 @@
 
 /* ---- memory that a stream keeps from step to step ---- */
 
-/* Grown, never copied: unlike scratch, it is given back before more is taken. */
+/* Grows without copying: unlike scratch, the old memory is freed before the larger is allocated. */
 struct ern_train_block {
   float *memory;
   size_t count;
@@ -18,9 +18,9 @@ struct ern_train_block {
 typedef enum ern_train_use {
   ERN_TRAIN_NET,     /* the weights and the shards' gradients */
   ERN_TRAIN_GRIDS,   /* the unhashed levels */
-  ERN_TRAIN_WORKERS, /* a struct ern_train_worker a thread */
+  ERN_TRAIN_WORKERS, /* one struct ern_train_worker for each thread */
   ERN_TRAIN_MARCHED, /* by marched sample */
-  ERN_TRAIN_LIVE,    /* by sample that counts */
+  ERN_TRAIN_LIVE,    /* by live sample: one that contributes to its ray */
   ERN_TRAIN_SLOPES,  /* the features' gradient */
   ERN_TRAIN_USES
 } ern_train_use;
@@ -28,11 +28,11 @@ struct ern_train_workspace {
   struct ern_train_block block[ERN_TRAIN_USES];
 };
 
-/* *memory = room for `count` floats; what it held is lost. */
+/* *memory = room for `count` floats; the former content is lost. */
 ERN_NODISCARD ern_status ern_train_workspace_take(struct ern_cpu_stream *stream, ern_train_use use, size_t count,
                                                   float **memory);
 
-/* The next `count` floats of a block, and how many a quantity of n samples takes up. */
+/* Cuts the next `count` floats off a block. ern_train_padded: the floats that an array of n samples takes up. */
 static inline float *ern_train_cut(float **block, size_t count) {
   float *at = *block;
   *block += count;
@@ -40,9 +40,9 @@ static inline float *ern_train_cut(float **block, size_t count) {
 }
 static inline size_t ern_train_padded(size_t n) { return (n + 2 * ERN_MLP_TILE - 1) / 64 * 64 + 64; }
 
-/* ---- a thread's own ---- */
+/* ---- memory of one thread ---- */
 
-enum { ERN_TRAIN_BATCH = 1920 /* samples looked at together */ };
+enum { ERN_TRAIN_BATCH = 1920 /* samples evaluated together */ };
 
 /* The samples of one ray that are in the batch. */
 struct ern_train_group {
@@ -56,11 +56,11 @@ struct ern_train_worker {
   float sigma[ERN_TRAIN_BATCH], norm[ERN_TRAIN_BATCH], eye[ERN_TRAIN_BATCH], unc[ERN_TRAIN_BATCH];
   float rgb[3 * ERN_TRAIN_BATCH];
   int32_t sample[ERN_TRAIN_BATCH];                       /* of the batch */
-  int32_t live[ERN_TRAIN_BATCH], place[ERN_TRAIN_BATCH]; /* those that count: their number, their place in it */
+  int32_t live[ERN_TRAIN_BATCH], place[ERN_TRAIN_BATCH]; /* the live samples of the batch: number, index in the batch */
   struct ern_train_group group[ERN_TRAIN_BATCH];
   float hidden[ERN_TRAIN_BATCH * ERN_NET_DENSITY];
   struct ern_profile profile;
-  float by_ray[]; /* of the shard: queue, samples looked at, transmittance */
+  float by_ray[]; /* by ray for the shard's rays: queue, samples evaluated, transmittance */
 };
 
 /* Floats of a worker, for shards of `rays`. */
@@ -84,24 +84,24 @@ struct ern_train_step {
 
   size_t rays;
   struct ern_marched marched;
-  float stop;      /* a ray is spent where less light than this is left */
-  bool everything; /* attention and uncertainty of all samples, not only of those that count */
+  float stop;      /* a ray ends where its transmittance is below this */
+  bool everything; /* attention and uncertainty of all samples, not only of the live ones */
 
   /* by marched sample, channels at `stride` */
   size_t stride;
   float *feature_rows, *sigma, *norm, *eye, *unc, *rgb;
-  int32_t *live; /* by ray: samples that count, the first ones of a ray */
+  int32_t *live; /* by ray: number of live samples, which are the first of the ray */
 
-  /* by sample that counts, channels at live_stride */
+  /* by live sample, channels at live_stride */
   size_t count, live_stride;
-  struct ern_buffer reals, ints; /* the block that these are cut from, as numbers of either type */
+  struct ern_buffer reals, ints; /* the block that these are cut from, as a buffer of either type */
   ern_span first;                /* int32 [rays + 1] */
   float *live_x, *live_dt, *live_depth, *live_sigma, *live_norm, *live_eye, *live_unc, *live_rgb;
   float *dsigma, *drgb, *dnorm, *deye, *dunc;
   int32_t *live_ray, *live_sample;
 
   float *gradient; /* [ERN_SHARDS][net.forward] */
-  float *df;       /* [features][live_stride], of the moved points [features][stride] */
+  float *df;       /* [features][live_stride], for the moved points [features][stride] */
   float *dsh;      /* [16][live_stride], of the harmonics; NULL: not wanted */
 };
 
@@ -109,10 +109,10 @@ static inline struct ern_train_worker *ern_train_worker_of(const struct ern_trai
   return (struct ern_train_worker *)(void *)(s->workers + (size_t)worker * s->worker_bytes);
 }
 
-/* Unhashes the levels, for all encoding of the step. */
+/* Unhashes the grids' levels for all encoding in the step. */
 ERN_NODISCARD ern_status ern_train_unhash(struct ern_train_step *s);
 
-/* All of the field that the losses need, of all samples that count; they are gathered behind each other. */
+/* Evaluates the field for the losses at all live samples, and stores those samples contiguously. */
 ERN_NODISCARD ern_status ern_train_forward(struct ern_train_step *s);
 
 #endif

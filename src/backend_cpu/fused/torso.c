@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * What the torso's kernels are told of a frame: tables of rows and columns, packed weights. Made anew each frame; all
- * of it is the stream's scratch. */
+ * Prepares a frame for the torso's kernels: tables of rows and columns, packed weights. They are computed for each
+ * frame, in the stream's scratch memory. */
 #include "backend_cpu/fused/torso.h"
 
 #include "backend_cpu/fused/pack.h"
@@ -18,7 +18,7 @@ struct axis {
   int32_t *cell;
   const float *bias, *matrix; /* first layers: [ERN_TORSO_TERMS], [ERN_TORSO_AXIS_ROWS][ERN_TORSO_TERMS] */
   int count;                  /* pixels of the picture */
-  int first, side;            /* of the frame, in pixels */
+  int first, side;            /* the frame's first pixel and side, in pixels */
   size_t padded;
 };
 
@@ -31,7 +31,7 @@ struct job_of_axes {
 
 enum { AXIS_CHUNK = 64 };
 
-/* Numbers are rounded as the reference rounds them: which pixels are chosen hangs on the last bit. */
+/* Rounds as the reference does: which pixels are chosen depends on the last bit. */
 static void place(const struct axis *axis, size_t i, float shrink) {
   const int side = axis->side, from = (int)i - axis->first;
   const int twice = 2 * (from < 0 ? 0 : from < side ? from : side - 1) - (side - 1);
@@ -93,7 +93,7 @@ static struct ern_torso_axis axis_of(const struct axis *axis) {
 
 /* ---- first layers ------------------------------------------------------------------------------------------------ */
 
-/* Both first layers as one of ERN_TORSO_TERMS units: their matrices without the grid's columns. */
+/* Combines both first layers into one of ERN_TORSO_TERMS units: their matrices without the grid's columns. */
 static void first_layers(const struct ern_render_torso_args *a, const float *w[2], size_t step[2]) {
   const struct ern_field *field = a->field;
   const float *parameters = reals(a->parameters);
@@ -121,7 +121,7 @@ static void fill_matrices(float *matrix, const struct ern_render_torso_args *a) 
   }
 }
 
-/* bias_j = the part of k and of the code. */
+/* bias_j = the contribution of k and of the code. */
 static void fill_bias(struct ern_stream *stream, float bias[ERN_TORSO_TERMS], const struct ern_render_torso_args *a) {
   const struct ern_field *field = a->field;
   const float *parameters = reals(a->parameters);
@@ -146,8 +146,8 @@ static void fill_bias(struct ern_stream *stream, float bias[ERN_TORSO_TERMS], co
 
 /* ---- a frame ----------------------------------------------------------------------------------------------------- */
 
-/* From which entry on 3 columns and 3 rows further is outside the table, or behind the end of a level that is taken
- * modulo its size. */
+/* The last entry from which a window of 4 columns and 4 rows lies inside the table, or before the end of a level that
+ * is indexed modulo its size; -1: none. */
 static int32_t last_window(const struct ern_grid *grid, const struct ern_grid_level *from,
                            const struct ern_torso_level *level) {
   const int64_t entries = level->mask == UINT32_MAX ? (int64_t)grid->entries - from->offset : (int64_t)from->size;
@@ -181,7 +181,7 @@ static bool has_widths(const struct ern_mlp *mlp, int ins, int outs) {
          mlp->width[2] == ERN_TORSO_HIDDEN && mlp->width[3] == outs;
 }
 
-/* Whether the kernels are made for a field of this shape. */
+/* Whether the kernels support a field of this shape. */
 static bool fits(const struct ern_field *field) {
   const int encoded = ERN_Q_ROWS + ERN_K_ROWS + (field->config.codes > 0 ? ERN_TORSO_CODE_WIDTH : 0);
   return has_widths(&field->torso_deform, encoded, 2) &&
@@ -224,7 +224,7 @@ static ern_status take_axes(struct ern_stream *stream, const struct ern_render_t
   ERN_TRY(take(stream, 2 * matrix_count, &matrix));
   ERN_TRY(axis_take(stream, a->height, frame_at.top, frame_at.height, &job.axis[0]));
   ERN_TRY(axis_take(stream, a->width, frame_at.left, frame_at.width, &job.axis[1]));
-  memset(bias, 0, ERN_TORSO_TERMS * sizeof *bias); /* the columns' terms have it */
+  memset(bias, 0, ERN_TORSO_TERMS * sizeof *bias); /* the columns' terms include it */
   fill_bias(stream, bias + ERN_TORSO_TERMS, a);
   fill_matrices(matrix, a);
   size_t chunks = 0;

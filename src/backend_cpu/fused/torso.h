@@ -1,13 +1,13 @@
 /* SPDX-License-Identifier: MIT
- * The torso over a picture without doing anything twice.
+ * The fused torso pass over a picture: terms that pixels have in common are computed once.
  *
- * Both MLPs see [.., encoding of q, encoding of k, code], and k and the code are the frame's: their part of the first
- * layers is a bias. The encoding of q = (row, column) is one of the row beside one of the column, so the rest of a
- * first layer is a term of the row plus a term of the column, H + W of them instead of H W: hidden_j (row, column) =
- * relu(row_term_j + column_term_j [+ W_grid f]), the bias being in the column's term.
+ * The input of both MLPs is [.., encoding of q, encoding of k, code]. k and the code are constant in a frame, so their
+ * part of the first layers is a bias. The encoding of q = (row, column) is that of the row followed by that of the
+ * column, so the rest of a first layer is a term of the row plus a term of the column: H + W terms instead of H W:
+ * hidden_j (row, column) = relu(row_term_j + column_term_j [+ W_grid f]), where the column's term includes the bias.
  *
- * A kernel works through a band of ERN_TORSO_BAND rows of pixels, in blocks of LANES/4 x 4 pixels, one a register,
- * tiles of blocks from coordinate to pixel; blocks without a chosen pixel are never looked at. */
+ * A kernel call computes a band of ERN_TORSO_BAND rows of pixels in blocks of LANES/4 x 4 pixels, one block a register;
+ * a tile of blocks goes through all layers together. Blocks without a chosen pixel are skipped. */
 #ifndef ERN_FUSED_TORSO_H
 #define ERN_FUSED_TORSO_H
 
@@ -20,28 +20,28 @@ enum {
   ERN_TORSO_AXIS_ROWS = 17,               /* encoding of one coordinate: x, sin and cos of 8 octaves */
 };
 
-/* What is known of a row or a column; arrays of `padded` values, a multiple of ERN_TORSO_AXIS_UNIT. */
+/* Precomputed values of the rows or the columns: arrays of `padded` values, a multiple of ERN_TORSO_AXIS_UNIT. */
 enum { ERN_TORSO_AXIS_UNIT = 16 };
 struct ern_torso_axis {
   const float *q;      /* coordinate times shrink */
-  const int32_t *cell; /* of the 2D occupancy: cell, weight of the next one */
+  const int32_t *cell; /* of the 2D occupancy: cell, and interpolation weight of the next cell */
   const float *weight;
   const float *terms; /* [padded/4][ERN_TORSO_TERMS][4] */
 };
 
 struct ern_torso_level {
   float scale;
-  uint32_t column_step; /* entries from a cell to the one in the next column; rows lie side by side */
-  uint32_t mask;        /* entries - 1 where the index is taken modulo that, else all ones */
+  uint32_t column_step; /* entries from a cell to that of the next column; the rows of a column are contiguous */
+  uint32_t mask;        /* entries - 1 where the index is taken modulo `entries`, else all ones */
   const float *table;   /* [entries][2] */
 };
 
-/* The levels side by side, ERN_TORSO_LEVELS of them; behind the last: scale 0, last -1. */
+/* The levels as a structure of arrays, padded to ERN_TORSO_LEVELS; past the last level: scale 0, last -1. */
 enum { ERN_TORSO_LEVELS = (ERN_GRID_MAX_LEVELS + 15) / 16 * 16 };
 struct ern_torso_levels {
   float scale[ERN_TORSO_LEVELS];
   int32_t column_step[ERN_TORSO_LEVELS], mask[ERN_TORSO_LEVELS];
-  int32_t last[ERN_TORSO_LEVELS]; /* from which 4 rows of 4 columns still lie in the table, in their order */
+  int32_t last[ERN_TORSO_LEVELS]; /* the last index from which 4 rows of 4 columns lie in the table without wrapping */
 };
 
 struct ern_torso_frame {
@@ -62,7 +62,7 @@ struct ern_torso_frame {
  * weight: [ERN_TORSO_AXIS_ROWS][ERN_TORSO_TERMS], encoding: rows at `stride`. */
 typedef void ern_torso_terms_kernel(float *terms, const float *bias, const float *weight, const float *encoding,
                                     size_t stride, size_t count);
-/* Rows ERN_TORSO_BAND*band and on. */
+/* Computes the ERN_TORSO_BAND rows from ERN_TORSO_BAND*band on. */
 typedef void ern_torso_band_kernel(const struct ern_torso_frame *frame, size_t band);
 
 struct ern_torso_kernels {
@@ -71,7 +71,7 @@ struct ern_torso_kernels {
 };
 extern const struct ern_torso_kernels ern_torso_kernels_avx2, ern_torso_kernels_avx512, ern_torso_kernels_neon;
 
-/* Overwrites render_torso of a table of floats whose ern_cpu_backend has torso kernels. */
+/* Overwrites render_torso of a float backend whose ern_cpu_backend has torso kernels. */
 void ern_cpu_fuse_torso(struct ern_backend *backend);
 
 #endif

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * The output activations for any instruction set (simd/isa.h). A value does not depend on its place in a register. */
+ * The output activations for any instruction set (simd/isa.h). A value does not depend on its lane. */
 #include "backend_cpu/simd/isa.h"
 #include "backend_cpu/simd/lanes_math.h"
 #include "core/kernels.h"

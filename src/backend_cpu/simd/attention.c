@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * Region attention for any instruction set (simd/isa.h). Sums over channels and samples are in double, as the
- * reference's are; those over channels in its order, so that the forward pass has its bits. */
+ * Region attention for any instruction set (simd/isa.h). Sums over channels and samples are in double, as in the
+ * reference. Sums over channels have its order, so that the forward pass is bit-identical to it. */
 #include "backend_cpu/simd/isa.h"
 #include "backend_cpu/simd/lanes_double.h"
 #include "backend_cpu/simd/lanes_math.h"
@@ -15,7 +15,7 @@ LANES_INLINE void scaled(float *y, const float *x, float factor, bool accumulate
   }
 }
 
-/* Registers side by side: enough sums at a time that each need not wait for the one before. */
+/* Independent accumulators, enough to hide the latency of an addition. */
 enum { ABREAST = 8 };
 
 LANES_INLINE void attention_block(float *region, float *norm, const float *v, const float *code,
@@ -49,14 +49,14 @@ void ERN_ISA(ern_attention_fwd)(float *region, float *norm, float *region_eye, c
 
 /* ---- backward ---- */
 
-/* Samples whose 1/norm are in hand, and channels whose sums are. */
+/* Samples of a tile, whose 1/norm are stored, and channels, whose sums are stored. */
 enum { ATTENTION_TILE = 512, ATTENTION_CHANNELS = 64 };
 
 struct norms {
   float inverse[ATTENTION_TILE], dnorm[ATTENTION_TILE]; /* both 0 where the norm has no gradient */
 };
 
-/* False where 1/norm is no good as a factor: then v is divided by it. */
+/* False where 1/norm is not an accurate factor: then v is divided by the norm. */
 static bool invert_norms(struct norms *norms, const float *norm, const float *dnorm, size_t n) {
   vi poor = {0};
   for (size_t i = 0; i < n; i += LANES) {
@@ -70,7 +70,7 @@ static bool invert_norms(struct norms *norms, const float *norm, const float *dn
   return !vi_any(poor);
 }
 
-/* A row of n samples; its sum of dregion v. */
+/* Processes a row of n samples; returns the sum of dregion v. */
 LANES_INLINE double attention_row_bwd(float *dv, const float *dregion, const float *dnorm, const float *inverse,
                                       const float *v, float code, size_t n) {
   struct vd_pair sum = {{{0}}};
@@ -89,7 +89,7 @@ LANES_INLINE double attention_row_bwd(float *dv, const float *dregion, const flo
   return vd_total(sum);
 }
 
-/* dv += dnorm (v/norm), where the norm's inverse is no good. */
+/* dv += dnorm (v/norm), where 1/norm is not an accurate factor. */
 static void add_by_quotient(float *dv, const float *dnorm, const float *v, const float *norm, size_t n) {
   for (size_t i = 0; i < n; i++) {
     if (norm[i] > 0) dv[i] += dnorm[i] * (v[i] / norm[i]);
@@ -110,7 +110,7 @@ static void attention_tile_bwd(float *dv, double *dcode, const float *dregion, c
   }
 }
 
-/* The same of one v for all channels: a channel after the other, each adding to dv. */
+/* The same where all channels share one v: channel by channel, each adding to dv. */
 static void attention_one_tile_bwd(float *dv, double *dcode, const float *dregion, const float *v, const float *code,
                                    int channels, size_t stride, size_t n) {
   for (size_t c = 0; c < (size_t)channels; c++) {

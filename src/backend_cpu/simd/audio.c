@@ -1,10 +1,9 @@
 /* SPDX-License-Identifier: MIT
- * AudioNet on the eight windows for any instruction set (simd/isa.h); AudioAttNet, which is small, stays the
- * reference's.
+ * AudioNet on the eight windows for any instruction set (simd/isa.h); AudioAttNet is small and uses the reference.
  *
- * Layer by layer for all windows, lanes being channels: outputs forward, inputs backward. Every product is rounded by
- * itself and each sum keeps the reference's order, so the numbers are its own to the bit. Activations lie
- * [window][position][channel]. */
+ * It runs layer by layer for all windows. Lanes are channels: outputs in the forward pass, inputs in the backward pass.
+ * Every product is rounded separately and each sum keeps the reference's order, so the results are bit-identical to the
+ * reference's. Activations are stored as [window][position][channel]. */
 #include <math.h>
 #include <stdbool.h>
 
@@ -16,14 +15,14 @@ enum {
   WINDOWS = ERN_AUDIO_WINDOWS,
   LAYERS = ERN_AUDIO_CONVS + 2,
   HIDDEN = 64,
-  CHUNK = 64, /* input channels whose weights are turned at once */
+  CHUNK = 64, /* input channels whose weights are transposed at a time */
   MOST = ERN_AUDIO_MAX_CODE
 };
 
-/* A convolution with zeros around it, or with `kernel` 1 and length 1 a linear layer. Weights [out][in][kernel]. */
+/* A zero-padded convolution, or with `kernel` 1 and length 1 a linear layer. Weights [out][in][kernel]. */
 struct layer {
   int in, out, kernel, stride, length, positions;
-  size_t weight, bias; /* in the block of parameters */
+  size_t weight, bias; /* offsets in the block of parameters */
 };
 
 /* Input and output, or their gradients, of a layer: steps from window to window and from position to position. */
@@ -32,7 +31,7 @@ struct rows {
   size_t window, position;
 };
 
-/* What all windows leave behind; channels of a position are padded to a register. */
+/* Activations of all windows; the channels of a position are padded to a register. */
 struct values {
   float conv0[WINDOWS * 8 * 32], conv1[WINDOWS * 4 * 32], conv2[WINDOWS * 2 * HIDDEN], conv3[WINDOWS * HIDDEN];
   float hidden[WINDOWS * HIDDEN], code[WINDOWS * MOST];
@@ -88,7 +87,7 @@ static void add_all_products(float *y, const float *turned, size_t out, const fl
   for (; o < out; o += LANES) add_products(y + o, turned + o, out, x, count, 1);
 }
 
-/* Position of the input that tap k of position t reads, or -1. */
+/* The input position that tap k of output position t reads, or -1 for padding. */
 static int reads(const struct layer *l, int t, int k) {
   const int at = t * l->stride + k - l->kernel / 2;
   return at < l->length ? at : -1;
@@ -157,7 +156,7 @@ void ERN_ISA(ern_audio_fwd)(float *code, const float *windows, const float *para
 
 /* ---- backward ---------------------------------------------------------------------------------------------------- */
 
-/* Weights of one output, turned: [kernel][CHUNK], 0 from `count` to the end of a register. */
+/* Transposes the weights of one output: [kernel][CHUNK], 0 from `count` to the end of a register. */
 static void turn(float *turned, const float *weight, size_t count, size_t kernel) {
   for (size_t k = 0; k < kernel; k++)
     for (size_t c = 0; c < padded((int)count); c++) turned[k * CHUNK + c] = c < count ? weight[c * kernel + k] : 0;

@@ -1,15 +1,15 @@
 /* SPDX-License-Identifier: MIT
  * Volume rendering and its gradient for any instruction set (simd/isa.h).
  *
- * Two passes over some rays at a time. The first takes registers of samples, whatever ray they belong to, and leaves
- * exp(-tau) and 1 - exp(-tau) of each; the second walks along each ray as the reference does, in its order, with
- * nothing but products and sums left to do. A training batch has two or three samples a ray, so lanes of whole rays
- * would be mostly idle. */
+ * It makes two passes over groups of rays. The first is vectorised over samples, whichever ray they belong to, and
+ * stores exp(-tau) and 1 - exp(-tau) of each. The second walks along each ray in the reference's order; only products
+ * and sums are left for it. A training batch has two or three samples a ray, so with one ray a lane most lanes would be
+ * idle. */
 #include "backend_cpu/simd/isa.h"
 #include "backend_cpu/simd/lanes_math.h"
 #include "core/kernels.h"
 
-/* What is in hand at a time: no marched ray has more samples. */
+/* The size of a group of rays; no marched ray has more samples. */
 enum { COMPOSITE_SAMPLES = ERN_MAX_STEPS, COMPOSITE_RAYS = 512 };
 
 struct in_hand {
@@ -18,7 +18,7 @@ struct in_hand {
   float colour[3][COMPOSITE_RAYS], opacity[COMPOSITE_RAYS];
 };
 
-/* Rays from r on that fit in hand; 0: not even one ray's samples do. */
+/* The number of rays from r on that fit a group; 0: one ray's samples alone do not fit. */
 static size_t rays_that_fit(const int32_t *first, size_t r, size_t n) {
   const size_t most = n - r < COMPOSITE_RAYS ? n : r + COMPOSITE_RAYS;
   size_t end = r;
@@ -27,7 +27,7 @@ static size_t rays_that_fit(const int32_t *first, size_t r, size_t n) {
   return end - r;
 }
 
-/* Of the samples of rays [r, r + rays). */
+/* The first pass over the samples of rays [r, r + rays). */
 static void weigh(struct in_hand *hand, const struct ern_composite_view *v, size_t r, size_t rays) {
   const size_t begin = (size_t)v->first[r], count = (size_t)v->first[r + rays] - begin;
   for (size_t i = 0; i < count; i += LANES) {
@@ -40,7 +40,7 @@ static void weigh(struct in_hand *hand, const struct ern_composite_view *v, size
   }
 }
 
-/* A value of a sample that may not be there: index & mask is the sample, or 0 of a lone 0. */
+/* An optional array of a value a sample: index & mask is the sample, or 0, which reads a single 0. */
 struct optional {
   const float *values;
   size_t mask;
@@ -54,7 +54,7 @@ static inline float at(struct optional of, size_t i) { return of.values[i & of.m
 static inline void put(float *values, size_t i, float value) {
   if (values != NULL) values[i] = value;
 }
-/* Rounded as the reference's, so that a channel at the end of its range is clamped there if it is here. */
+/* Rounded as in the reference, so that both clamp the same channels. */
 LANES_INLINE vf blend(vf colour, vf opacity, vf background) {
   return colour + vf_multiply_rounded(1 - opacity, background);
 }
@@ -95,7 +95,7 @@ static void composite_rays(const struct ern_composite_view *v, struct in_hand *h
   }
 }
 
-/* What is wanted of colours and opacities. */
+/* Writes the wanted outputs: colours and opacities. */
 static void put_rays(const struct ern_composite_view *v, const struct in_hand *hand, size_t begin, size_t rays) {
   for (size_t k = 0; k < rays; k += LANES) {
     const size_t count = rays - k < LANES ? rays - k : LANES, r = begin + k;
@@ -112,7 +112,7 @@ static void put_rays(const struct ern_composite_view *v, const struct in_hand *h
   }
 }
 
-/* The view of a lone ray. */
+/* The view of a single ray. */
 static struct ern_composite_view view_of_ray(const struct ern_composite_view *from, size_t r) {
   struct ern_composite_view v = *from;
   float **const out[] = {&v.pixel, &v.colour, &v.opacity, &v.depth, &v.attention, &v.eye, &v.uncertainty};
@@ -141,7 +141,7 @@ void ERN_ISA(ern_composite_fwd)(const struct ern_composite_view *view, size_t n)
 
 /* ---- backward ---- */
 
-/* Of the rays in hand: hand->colour becomes dL/dcolour, hand->opacity dL/dopacity. */
+/* For the rays of the group: hand->colour becomes dL/dcolour, hand->opacity dL/dopacity. */
 static void gradients_of_rays(const struct ern_composite_bwd_view *v, struct in_hand *hand, size_t begin, size_t rays) {
   const struct ern_composite_view *f = &v->forward;
   for (size_t k = 0; k < rays; k += LANES) {
@@ -160,7 +160,7 @@ static void gradients_of_rays(const struct ern_composite_bwd_view *v, struct in_
   }
 }
 
-/* The gradients that samples past the stop get. */
+/* Writes zero gradients to the samples past the stop. */
 static void clear_samples(const struct ern_composite_bwd_view *v, size_t begin, size_t end) {
   for (size_t i = begin; i < end; i++) {
     v->dsigma[i] = 0;
@@ -171,8 +171,8 @@ static void clear_samples(const struct ern_composite_bwd_view *v, size_t begin, 
   }
 }
 
-/* dL/dtau_i = dw_i T_{i+1} - sum_{j>i} dw_j w_j, as the reference has it; hand->alpha becomes the weight w and
- * hand->through T_{i+1} on the way forth. */
+/* dL/dtau_i = dw_i T_{i+1} - sum_{j>i} dw_j w_j, as in the reference; on the forward walk hand->alpha becomes the
+ * weight w and hand->through becomes T_{i+1}. */
 static void composite_rays_bwd(const struct ern_composite_bwd_view *v, struct in_hand *hand, size_t begin,
                                size_t rays) {
   const struct ern_composite_view *f = &v->forward;

@@ -7,7 +7,8 @@
 #include "backend_cpu/simd/gemm_tile.h"
 #include "backend_cpu/simd/lanes_pairs.h"
 
-/* f = bilinear in (s, t) of the four values around a cell. All cells first: the look-ups wait for no address. */
+/* f = bilinear in (s, t) of the four values around a cell. All cells are computed first, so that no look-up waits for
+ * its address. */
 LANES_INLINE void encode_level(float *f, const vf *u, const vf *v, const struct ern_dense_level *level) {
   enum { VECTORS = TILE / LANES };
   const vf scale = vf_all(level->scale);

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * Factors as the products of gemm_rows.h read them: floats, or, where ERN_TILE_PAIRS is defined, pairs of bf16 in the
- * room of a float. Of an odd number the last has 0 beside it. */
+ * Prepares the factors of the products of gemm_rows.h: floats, or, where ERN_TILE_PAIRS is defined, pairs of bf16, each
+ * in the room of a float. An odd last value is paired with 0. */
 #ifndef ERN_GEMM_FACTORS_H
 #define ERN_GEMM_FACTORS_H
 
@@ -8,13 +8,13 @@
 
 struct rows_factors {
   const float *at;
-  size_t row, count; /* from row to row; terms of a sum over them */
+  size_t row, count; /* floats from row to row; terms of a sum over them */
 };
 
 #if defined(ERN_TILE_PAIRS)
 
-/* x [TILE][x_row], columns 0 .. count-1, summed over columns: pairs of columns, in workspace [TILE][count/2 aligned].
- */
+/* x [TILE][x_row], columns 0 .. count-1, for sums over columns: writes pairs of columns to workspace [TILE][count/2
+ * aligned]. */
 LANES_INLINE struct rows_factors rows_beside(float *workspace, const float *x, size_t x_row, size_t count) {
   const size_t row = (count + 2 * LANES - 1) / (2 * LANES) * LANES;
   for (size_t c = 0; c < count; c += 2 * LANES) {
@@ -33,8 +33,8 @@ LANES_INLINE struct rows_factors rows_beside(float *workspace, const float *x, s
   return (struct rows_factors){workspace, row, (count + 1) / 2};
 }
 
-/* x [count][x_row], summed over rows: pairs of rows, in workspace [count/2][width]. width: whole registers; to and from
- * may be weights, an odd count has zeros beside its last row */
+/* x [count][x_row], for sums over rows: writes pairs of rows to workspace [count/2][width]. width: a multiple of a
+ * register. Source and result may be weights. An odd last row is paired with zeros. */
 LANES_INLINE struct rows_factors rows_below(float *workspace, const float *x, size_t x_row, size_t count,
                                             size_t width) {
   for (size_t k = 0; k < count; k += 2) {

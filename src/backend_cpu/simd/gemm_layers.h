@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * The layers of a network over a tile: in float, or, where ERN_TILE_PAIRS is defined, with weights and inputs in pairs
- * of bf16 and all else in float. */
+ * The layers of an MLP for a tile: in float, or, where ERN_TILE_PAIRS is defined, with weights and inputs in pairs of
+ * bf16 and the rest in float. */
 #ifndef ERN_GEMM_LAYERS_H
 #define ERN_GEMM_LAYERS_H
 
@@ -8,25 +8,25 @@
 #include "backend_cpu/fused/pack_pairs.h"
 #include "backend_cpu/simd/gemm_tile_bf16.h"
 
-/* Rows of TILE floats that n inputs of a layer take. */
+/* Number of rows of TILE floats that n inputs of a layer take. */
 LANES_INLINE size_t tile_rows_padded(size_t n) { return ern_pairs(n); }
 
-/* x [n][TILE], as the inputs of a layer: themselves, or in `workspace`. */
+/* Converts x [n][TILE] to the inputs of a layer: returns x itself, or `workspace` with the pairs. */
 LANES_INLINE float *tile_inputs(float *workspace, float *x, size_t n) {
   pairs_of_rows(workspace, x, n);
   return workspace;
 }
 
-/* The last input of a layer, behind which its room ends. */
+/* Writes the last input of a layer; the inputs' memory ends after it. */
 LANES_INLINE void tile_last_input(float *at, vf value) { vf_store(at, (vf)vf_pairs(value, (vf){0})); }
 
-/* Inputs of the next layer, relu(start + A x); x takes `rows_padded` rows. */
+/* next = relu(start + A x), as inputs of the next layer; x takes `rows_padded` rows. */
 LANES_INLINE void tile_layer(float *next, const float *start, const float *packed, const float *x, size_t rows,
                              size_t rows_padded) {
   pairs_product(next, start, packed, x, rows, rows_padded, TILE_RELU);
 }
 
-/* A x, in float. */
+/* out = A x, in float. */
 LANES_INLINE void tile_outputs(float *out, const float *packed, const float *x, size_t rows, size_t rows_padded) {
   pairs_product(out, NULL, packed, x, rows, rows_padded, TILE_STORE);
 }

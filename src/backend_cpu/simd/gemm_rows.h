@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: MIT
- * Products of the fused training pass. A tile is ERN_MLP_TILE samples, a row each, channels side by side; then no
- * operand of a step has to be turned:
+ * Products of the fused training pass. A tile is ERN_MLP_TILE samples, a row each, channels contiguous; so no operand
+ * of a step needs a transposition:
  *   forward   y  [samples][outs] = x  [samples][ins]  B   B = W^T [ins][outs]
  *   backward  dx [samples][ins]  = dy [samples][outs] W
  *   sums      dW^T [ins][outs]  += x^T dy, over the samples of the tile
  *
- * Where ERN_TILE_PAIRS is defined the factors are pairs of bf16 (gemm_factors.h), each in the room of a float, and a
- * sum has a term a pair; the sums are float. */
+ * Where ERN_TILE_PAIRS is defined the factors are pairs of bf16 (gemm_factors.h), each in the room of a float; `count`
+ * then counts pairs, and the sums are float. */
 #ifndef ERN_GEMM_ROWS_H
 #define ERN_GEMM_ROWS_H
 
@@ -20,13 +20,13 @@ enum { ROWS = 6, ROW_VECTORS = LANES == 8 ? 2 : 4 };
 
 typedef enum rows_finish {
   ROWS_STORE,
-  ROWS_ADD,  /* to what is there */
-  ROWS_RELU, /* negative sums become 0; a NaN stays one */
-  ROWS_MASK  /* 0 where the mask is not above 0: the gradient of the relu whose values the mask is */
+  ROWS_ADD,  /* to the values in `out` */
+  ROWS_RELU, /* negative sums become 0; NaN stays NaN */
+  ROWS_MASK  /* 0 where the mask is not above 0: the gradient of a ReLU, whose values are the mask */
 } rows_finish;
 
-/* out [rows][columns] = finish(A B), columns a whole number of registers. Forward, A (r, k) is a[r*a_row + k]; of
- * sums, a[k*a_row + r]. */
+/* out [rows][columns] = finish(A B); columns: a multiple of LANES. A (r, k) is a[r*a_row + k] in rows_forward,
+ * a[k*a_row + r] in rows_sums. */
 struct rows_product {
   float *out;
   const float *a, *b, *mask;
@@ -84,7 +84,7 @@ LANES_INLINE void rows_column(const struct rows_product *p, size_t column, const
   if (p->rows - row >= 1) rows_block(p, row, column, 1, vectors, sums);
 }
 
-/* Five registers are better three and two than four and one, six three and three. */
+/* Five registers of columns are split 3 + 2, six 3 + 3: this is faster than 4 + 1 and 4 + 2. */
 LANES_INLINE void rows_product(const struct rows_product *p, const bool sums) {
   size_t left = p->columns / LANES, column = 0;
   while (left > 0) {
@@ -103,12 +103,12 @@ LANES_INLINE void rows_product(const struct rows_product *p, const bool sums) {
   }
 }
 
-/* A tile's rows. */
+/* `rows` is a tile's. */
 static __attribute__((noinline, unused)) void rows_forward(const struct rows_product *p) { rows_product(p, false); }
-/* Sums over a tile, or over however many terms. */
+/* Sums over a tile's samples, or over any number of terms; any number of rows. */
 static __attribute__((noinline, unused)) void rows_sums(const struct rows_product *p) { rows_product(p, true); }
 
-/* ---- exchange of rows and lanes ---- */
+/* ---- transposition of rows and lanes ---- */
 
 #define ROWS_LOW(l, d) ((l) & (d) ? LANES + (l) - (d) : (l))
 #define ROWS_HIGH(l, d) ((l) & (d) ? LANES + (l) : (l) + (d))
@@ -121,7 +121,7 @@ static __attribute__((noinline, unused)) void rows_sums(const struct rows_produc
 #define ROWS_ROUNDS(ROUND) ROWS_ROUNDS_4(ROUND)
 #endif
 
-/* Lane l of row r and lane r of row l change places: log2(LANES) rounds of exchanges over distance d. */
+/* Transposes: lane l of row r and lane r of row l are exchanged, in log2(LANES) rounds with distance d. */
 LANES_INLINE void rows_turn(vf row[LANES]) {
 #define ROWS_TURN(d)                                                             \
   _Pragma("GCC unroll 16") for (int r = 0; r < LANES; r++) {                     \
@@ -134,7 +134,7 @@ LANES_INLINE void rows_turn(vf row[LANES]) {
 #undef ROWS_TURN
 }
 
-/* Lane l: the sum over row l. Every row is added up in the same order. */
+/* Lane l of the result is the sum of row l. Every row is summed in the same order. */
 LANES_INLINE vf rows_total(vf row[LANES]) {
 #define ROWS_FOLD(d)                                                       \
   _Pragma("GCC unroll 16") for (int r = 0; r < LANES; r += 2 * (d)) {      \

@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: MIT
- * The product that the fused passes are made of: out [rows][TILE] = A [rows][count] x [count][TILE], a tile being
- * ERN_MLP_TILE samples, channel by channel.
+ * The matrix product of the fused passes: out [rows][TILE] = A [rows][count] x [count][TILE]. A tile is ERN_MLP_TILE
+ * samples, channel-major.
  *
- * A is packed: groups of ERN_PACK rows, in a group column by column, so that the values that a block of sums broadcasts
- * lie side by side; rows behind the last are zeros. The layout is the same for every instruction set. */
+ * A is packed in groups of ERN_PACK rows, each group column by column, so that the values that a block of sums
+ * broadcasts are contiguous; rows past the last are zeros. The layout is the same for every instruction set. */
 #ifndef ERN_GEMM_TILE_H
 #define ERN_GEMM_TILE_H
 
@@ -38,7 +38,7 @@ LANES_INLINE void tile_block(float *out, const float *start, const float *a, con
     a += ERN_PACK;
     x += TILE;
   }
-  if (finish == TILE_RELU) TILE_EACH(sum[r][v] = vf_select(sum[r][v] < 0, (vf){0}, sum[r][v])) /* a NaN stays one */
+  if (finish == TILE_RELU) TILE_EACH(sum[r][v] = vf_select(sum[r][v] < 0, (vf){0}, sum[r][v])) /* NaN stays NaN */
   TILE_EACH(vf_store(out + r * TILE + v * LANES, sum[r][v]))
 #undef TILE_EACH
 }

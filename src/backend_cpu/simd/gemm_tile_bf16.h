@@ -1,16 +1,16 @@
 /* SPDX-License-Identifier: MIT
- * The product of gemm_tile.h with bf16 factors: out [rows][TILE] = A x, sums in float. x is [count][TILE]: in the room
- * of a float, inputs 2k and 2k + 1 of a sample; A is packed so as well (pack_pairs.h). */
+ * The product of gemm_tile.h with bf16 factors: out [rows][TILE] = A x, sums in float. x is [count][TILE], each float
+ * holding inputs 2k and 2k + 1 of a sample; A is packed likewise (pack_pairs.h). */
 #ifndef ERN_GEMM_TILE_BF16_H
 #define ERN_GEMM_TILE_BF16_H
 
 #include "backend_cpu/simd/gemm_tile.h"
 #include "backend_cpu/simd/lanes_bf16.h"
 
-LANES_INLINE vf tile_relu(vf value) { return vf_select(value < 0, (vf){0}, value); } /* a NaN stays one */
+LANES_INLINE vf tile_relu(vf value) { return vf_select(value < 0, (vf){0}, value); } /* NaN stays NaN */
 
-/* `rows` rows of one group over TILE_VECTORS registers of samples, as tile_block. TILE_RELU: what is stored are pairs
- * of rows, the inputs of the next product, an odd last row with zeros. */
+/* `rows` rows of one group over TILE_VECTORS registers of samples, as tile_block. With TILE_RELU it stores pairs of
+ * rows, the inputs of the next product; an odd last row is paired with zeros. */
 LANES_INLINE void pairs_block(float *out, const float *start, const float *a, const float *x, size_t count,
                               tile_finish finish, const size_t rows) {
   vf sum[TILE_ROWS][TILE_VECTORS] = {{{0}}};
@@ -66,7 +66,7 @@ static __attribute__((noinline, unused)) void pairs_product(float *out, const fl
   }
 }
 
-/* made [pairs of n][TILE] of x [n][TILE]; an odd last row with zeros. */
+/* made [pairs of n][TILE] from x [n][TILE]; an odd last row is paired with zeros. */
 static __attribute__((unused)) void pairs_of_rows(float *made, const float *x, size_t n) {
   for (size_t row = 0; row < n; row += 2, x += 2 * TILE, made += TILE) {
     for (size_t k = 0; k < TILE; k += LANES)

@@ -1,13 +1,14 @@
 /* SPDX-License-Identifier: MIT
  * The multiresolution grids for any instruction set (simd/isa.h).
  *
- * A register holds one quantity of LANES samples. Every sum is taken in the order of the reference and every product is
- * rounded by itself, so the results are the reference's to the last bit, on every instruction set. */
+ * A register holds one quantity of LANES samples. Sums keep the reference's order and products are rounded separately,
+ * so on every instruction set the results are bit-identical to the reference's. */
 #include "backend_cpu/simd/isa.h"
 #include "backend_cpu/simd/lanes.h"
 #include "core/kernels.h"
 
-/* Samples whose coordinates are prepared together, for all levels; a level's table stays in the cache meanwhile. */
+/* Samples whose coordinates are prepared together for all levels. A level's table stays in the cache while its block is
+ * processed. */
 enum { BLOCK = 1024, DIMS = ERN_GRID_MAX_DIMS, CORNERS = 1 << ERN_GRID_MAX_DIMS };
 
 struct prepared {
@@ -16,7 +17,7 @@ struct prepared {
   vi inside[BLOCK / LANES];
 };
 
-/* u = (x + bound)/(2 bound); 0 where any coordinate is outside, so that what is read for it is there. */
+/* u = (x + bound)/(2 bound); 0 where any coordinate is outside, so that its reads stay inside the table. */
 static void prepare(struct prepared *block, const float *const x[DIMS], const struct ern_grid *grid, size_t first,
                     size_t n) {
   const size_t dims = (size_t)grid->dims;
@@ -38,13 +39,13 @@ static void prepare(struct prepared *block, const float *const x[DIMS], const st
   }
 }
 
-/* How a level is read: index = (sum or XOR over d of cell_d*multiplier_d) modulo size. */
+/* How a level is indexed: index = (sum or XOR over d of cell_d*multiplier_d) modulo size. */
 struct plan {
   float scale;
   uint32_t multiplier[DIMS]; /* strides of the dense index, 0 for a dimension that does not fit; or primes */
-  uint32_t mask;             /* size - 1 where that is the modulo; all ones where none is needed */
+  uint32_t mask;             /* size - 1 for a modulo by a power of two; all ones: no modulo */
   uint32_t size, offset;
-  bool hashed, divide; /* divide: the size is no power of two */
+  bool hashed, divide; /* divide: the size is not a power of two */
 };
 
 /* The dense index needs no modulo: u <= 1 makes cell + 1 <= resolution, so it is below (resolution + 1)^dims <= size.
@@ -68,7 +69,7 @@ static struct plan plan_level(const struct ern_grid *grid, int l) {
 
 LANES_INLINE int corner_count(const int dims) { return dims == 3 ? 8 : dims == 2 ? 4 : 2; }
 
-/* The entries and weights of all corners of LANES samples; t is kept for the slopes. */
+/* The entries and weights of all corners of LANES samples; t is kept for the gradients. */
 struct corners {
   vu entry[CORNERS];
   vf side[DIMS][2]; /* 1 - t, t */
@@ -132,7 +133,7 @@ LANES_INLINE void level_fwd_of(float *rows, size_t stride, const float *table, c
   }
 }
 
-/* Where the samples' gradients go; NULL: not wanted. */
+/* Outputs of the backward pass; NULL: not wanted. */
 struct slopes {
   float *dtable;
   float *const *dx;
@@ -164,7 +165,7 @@ LANES_INLINE void add_to_table(float *dtable, const struct corners *corners, con
 /* Two neighbouring values of a table, added to at once. */
 typedef float two __attribute__((vector_size(8), aligned(4), may_alias));
 
-/* Lanes 0 .. LANES/2-1 of a and b in turns; the others. */
+/* Interleaves the lanes of a and b: first those of the lower halves, then the others. */
 LANES_INLINE void interleave(float *to, vf a, vf b) {
 #define FIRST(l, d) ((l)&1 ? LANES : 0) + (l) / 2
 #define SECOND(l, d) ((l)&1 ? LANES : 0) + LANES / 2 + (l) / 2
@@ -175,7 +176,7 @@ LANES_INLINE void interleave(float *to, vf a, vf b) {
 }
 
 /* The same for one feature of a dense level in two dimensions, where every sample is inside: the two entries along the
- * first coordinate lie side by side and take one addition. Every entry gets its parts in the same order. */
+ * first coordinate are contiguous and take one vector addition. Every entry is summed in the same order as before. */
 LANES_INLINE void add_to_plane(float *dtable, const struct corners *corners, vf df) {
   vf part[4];
   uint32_t near_entry[LANES] __attribute__((aligned(64))), far_entry[LANES] __attribute__((aligned(64)));
@@ -218,12 +219,12 @@ LANES_INLINE void add_to_positions(float *const *dx, size_t at, const struct cor
   }
 }
 
-enum { MAX_FEATURES = 64 }; /* as ern_grid_build has it */
+enum { MAX_FEATURES = 64 }; /* the limit of ern_grid_build */
 
 LANES_INLINE void level_bwd_of(const struct slopes *to, const float *table, const struct plan *plan,
                                const struct prepared *block, float factor, const int dims, const size_t features,
                                const bool hashed) {
-  /* no modulo comes between neighbours */
+  /* no modulo between neighbours */
   const bool side_by_side = dims == 2 && features == 1 && !hashed && !plan->divide && plan->mask == UINT32_MAX;
   for (size_t i = 0; i < block->count; i += LANES) {
     const size_t count = block->count - i < LANES ? block->count - i : LANES, at = block->first + i;
@@ -242,7 +243,7 @@ LANES_INLINE void level_bwd_of(const struct slopes *to, const float *table, cons
   }
 }
 
-/* The cases that the models have get loops of their own. */
+/* The cases that occur in the models get specialised loops. */
 #define SPECIALISE(function, dims, features, hashed, ...) \
   do {                                                    \
     if ((dims) == 2 && (features) == 1 && (hashed))       \

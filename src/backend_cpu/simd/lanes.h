@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * A register of floats, for the kernel bodies that are compiled once for each instruction set. Arithmetic is that of
- * vector types; what they lack (gather) is here, and nowhere else. */
+ * A SIMD register of floats, for kernels that are compiled once for each instruction set. Arithmetic uses GCC's vector
+ * types; only these headers (lanes*.h) have intrinsics, for what vector types lack (gather). */
 #ifndef ERN_LANES_H
 #define ERN_LANES_H
 
@@ -35,7 +35,7 @@ LANES_INLINE void vf_store(float *at, vf value) { *(vf_anywhere *)at = value; }
 LANES_INLINE vf vf_all(float value) { return value - (vf){0}; }
 LANES_INLINE vu vu_all(uint32_t value) { return value - (vu){0}; }
 
-/* The first `count` lanes; the others are 0, and are not touched. count <= LANES */
+/* Loads or stores the first `count` lanes. The other lanes load as 0; their memory is not touched. count <= LANES */
 LANES_INLINE vf vf_load_partial(const float *at, size_t count) {
   if (count == LANES) return vf_load(at);
   vf value = {0};
@@ -92,7 +92,7 @@ LANES_INLINE int vi_any(vi mask) {
 #endif
 }
 
-/* a > b ? a : b and a < b ? a : b: b where either is NaN, and of two zeros b */
+/* a > b ? a : b and a < b ? a : b: b where either is NaN or both are zeros */
 LANES_INLINE vf vf_max(vf a, vf b) {
 #if defined(__AVX512F__)
   return (vf)_mm512_max_ps((__m512)a, (__m512)b);
@@ -141,7 +141,7 @@ LANES_INLINE vf vf_sqrt(vf value) {
 #endif
 }
 
-/* A bit a lane: masks in a general register. Where vi is no mask, its signs count. */
+/* A mask as an integer, a bit a lane. Where vi is not a mask, the bits are its signs. */
 LANES_INLINE uint32_t vi_bits(vi mask) {
 #if defined(__AVX512DQ__)
   return _mm512_movepi32_mask((__m512i)mask);
@@ -172,7 +172,7 @@ LANES_INLINE uint32_t vf_less_bits(vf a, vf b) {
 #endif
 }
 
-/* The first `count` lanes; others are 0, and their memory is not touched. 0 <= count; more than LANES is all. */
+/* As vf_load_partial and vf_store_partial, faster with variable counts; a count above LANES means all lanes. */
 LANES_INLINE vf vf_load_first(const float *at, size_t count) {
   if (count >= LANES) return vf_load(at);
 #if defined(__AVX512F__)

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * Pairs of bf16 (the upper halves of floats) in a register, a pair a lane, for the kernel bodies: AVX512_BF16.
- * VDPBF16PS rounds each of its two sums to the nearest float, ties to even, whatever the rounding mode is; denormal
- * numbers are zeros to it, as operands and as results. */
+ * VDPBF16PS rounds each of its two sums to the nearest float, ties to even, whatever the rounding mode is; it treats
+ * denormal operands and results as zeros. */
 #ifndef ERN_LANES_BF16_H
 #define ERN_LANES_BF16_H
 
@@ -19,7 +19,7 @@ LANES_INLINE vu vf_pairs(vf low, vf high) {
   return (vu)_mm512_permutexvar_epi16((__m512i)halves, (__m512i)_mm512_cvtne2ps_pbh((__m512)high, (__m512)low));
 }
 
-/* The same of values that lie side by side: pair l of (2l, 2l + 1), of first and then of second. */
+/* The same for pairs of adjacent values: pair l is values (2l, 2l + 1) of `first` followed by `second`. */
 LANES_INLINE vu vf_pairs_beside(vf first, vf second) { return (vu)_mm512_cvtne2ps_pbh((__m512)second, (__m512)first); }
 
 /* (sum + a.high b.high) + a.low b.low */

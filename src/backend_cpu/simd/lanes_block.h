@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * Eight floats, whatever the register: 2x2x2 cells that lie together in Morton order. */
+ * A vector of eight floats on every instruction set: 2x2x2 cells that are contiguous in Morton order. */
 #ifndef ERN_LANES_BLOCK_H
 #define ERN_LANES_BLOCK_H
 
@@ -19,7 +19,7 @@ LANES_INLINE vb vb_select(vbi mask, vb a, vb b) {
 #endif
 }
 
-/* found > most ? found : most: a value that is no number is never found. */
+/* found > most ? found : most: a NaN in `found` is ignored. */
 LANES_INLINE vb vb_larger(vb found, vb most) {
 #if defined(__AVX2__)
   return (vb)_mm256_max_ps((__m256)found, (__m256)most);

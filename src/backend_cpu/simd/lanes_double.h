@@ -1,6 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * Doubles beside the floats of a register: two registers of doubles hold what one of floats does. For sums that are
- * long or of squares. */
+ * Doubles for the lanes of a register of floats, in two registers. For long sums and sums of squares. */
 #ifndef ERN_LANES_DOUBLE_H
 #define ERN_LANES_DOUBLE_H
 

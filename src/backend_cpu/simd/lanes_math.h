@@ -1,8 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * Elementary functions of a register, for the kernel bodies. Errors are given in units of the last place (ulp) of the
  * exact value, the largest of millions of arguments against double, fused multiply-adds or not; below the normal
- * numbers, in units of the smallest denormal one. A NaN stays one; a value does not depend on its place in the
- * register. */
+ * numbers, in units of the smallest denormal one. NaN in, NaN out; a value does not depend on its lane. */
 #ifndef ERN_LANES_MATH_H
 #define ERN_LANES_MATH_H
 
@@ -33,7 +32,8 @@ LANES_INLINE vf vf_exp_reduce(vf x, vi *k) {
   return (x - whole * VF_LOG2_HIGH) - whole * VF_LOG2_LOW;
 }
 
-/* value 2^k for k in [-151, 128]: two factors, so that it goes to 0 and to infinity where it should. */
+/* value 2^k for k in [-151, 128]: multiplied as two factors, so that only the result underflows or overflows, not the
+ * power. */
 LANES_INLINE vf vf_times_power(vf value, vi k) {
   const vi half = k >> 1;
   return value * (vf)((vu)(half + 127) << 23) * (vf)((vu)(k - half + 127) << 23);
@@ -65,9 +65,9 @@ LANES_INLINE vf vf_exp(vf x) {
   return vf_times_power(sum, k);
 }
 
-/* exp(x), and exp(x) - 1 with its digits: 2^k (exp(r) - 1) + (2^k - 1), at half its size, so that 2^k does not
- * overflow before the result does. Below 2^-100 the power does not change a float that is -1. Each at most 1.5 ulp
- * off. */
+/* exp(x), and exp(x) - 1 without cancellation: 2^k (exp(r) - 1) + (2^k - 1), at half its size, so that 2^k does not
+ * overflow before the result does. Below 2^-100 the power does not change a float that is -1. Each at most 1.5 ulp off.
+ */
 LANES_INLINE vf vf_exp_expm1(vf x, vf *expm1) {
   vi k;
   const vf r = vf_exp_reduce(x, &k);
@@ -88,7 +88,8 @@ LANES_INLINE vf vf_expm1(vf x) {
 /* 1/(1 + exp(-x)), at most 2.5 ulp off; below -88.7 the exponential is infinite and the quotient 0. */
 LANES_INLINE vf vf_sigmoid(vf x) { return 1 / (1 + vf_exp(-x)); }
 
-/* Its slope e/(1 + e)^2 with e = exp(-|x|), at most 4 ulp off: no cancellation where the sigmoid is near 1. */
+/* The sigmoid's derivative e/(1 + e)^2 with e = exp(-|x|), at most 4 ulp off: no cancellation where the sigmoid is near
+ * 1. */
 LANES_INLINE vf vf_sigmoid_slope(vf x) {
   const vf e = vf_exp(-vf_absolute(x));
   return e / ((1 + e) * (1 + e));
@@ -96,15 +97,16 @@ LANES_INLINE vf vf_sigmoid_slope(vf x) {
 
 /* ---- norms ---- */
 
-/* A sum of squares of floats may be infinite, or have lost its digits, where its root is an ordinary number: then it is
- * to be taken again of values times each of these. 128 values of FLT_MAX stay below the largest float, and those that
- * count beside the largest above the smallest. */
+/* A sum of squares may overflow or underflow although its root is an ordinary float. It is then computed again from
+ * values times each of these factors. Scaled so, the squares of 128 values of FLT_MAX do not overflow, and squares that
+ * matter beside the largest do not underflow. */
 #define VF_OF_HUGE 0x1p-70f
 #define VF_OF_TINY 0x1p100f
 
 LANES_INLINE int vf_squares_leave_float(vf sum) { return vi_any((sum < 0x1p-100f) | (sum > FLT_MAX)); }
 
-/* The root, from the sums of squares of values as they are, times VF_OF_HUGE, and times VF_OF_TINY. */
+/* The root, from three sums of squares: of the values, of the values times VF_OF_HUGE, and of the values times
+ * VF_OF_TINY. */
 LANES_INLINE vf vf_root_of_any(vf sum, vf of_huge, vf of_tiny) {
   const vf large = vf_sqrt(of_huge) * (1 / VF_OF_HUGE), small = vf_sqrt(of_tiny) * (1 / VF_OF_TINY);
   return vf_select(sum > FLT_MAX, large, vf_select(sum < 0x1p-100f, small, vf_sqrt(sum)));
@@ -131,7 +133,7 @@ LANES_INLINE vf vf_log(vf x) {
 /* At most 3 ulp off. */
 LANES_INLINE vf vf_log2(vf x) { return vf_log(x) * 1.44269504f; }
 
-/* log(1 + x) with its digits: log(u) + (x - (u - 1))/u, u = 1 + x rounded. At most 2.5 ulp off. */
+/* log(1 + x) without cancellation: log(u) + (x - (u - 1))/u, u = 1 + x rounded. At most 2.5 ulp off. */
 LANES_INLINE vf vf_log1p(vf x) {
   const vf u = 1 + x;
   const vf value = vf_log(u) + (x - (u - 1)) / u;
@@ -153,7 +155,7 @@ LANES_INLINE vf vf_sine_reduce(vf x, vi *k) {
   return ((x - whole * 0x1.922p+0f) - whole * -0x1.2cp-18f) - whole * 0x1.110b46p-26f;
 }
 
-/* What libm says, lane by lane: for arguments that the reduction is not made for. */
+/* libm's result lane by lane, for arguments outside the reduction's range. */
 LANES_INLINE vf vf_sine_far(vf x, vf *cosine) {
   vf sine = x;
   for (int l = 0; l < LANES; l++) {
@@ -164,8 +166,8 @@ LANES_INLINE vf vf_sine_far(vf x, vf *cosine) {
   return sine;
 }
 
-/* sin(x), and cos(x): at most 2^-23 off for |x| <= VF_SINE_LIMIT, by the series to r^9 and r^10 on |r| <= pi/4. A
- * register with an argument beyond is left to libm. */
+/* sin(x), and cos(x): at most 2^-23 off for |x| <= VF_SINE_LIMIT, by the series to r^9 and r^10 on |r| <= pi/4. Where
+ * any lane's |x| is larger, libm computes the whole register. */
 LANES_INLINE vf vf_sine_cosine(vf x, vf *cosine) {
   if (vi_any(vf_absolute(x) > VF_SINE_LIMIT)) return vf_sine_far(x, cosine);
   vi k;

@@ -1,13 +1,13 @@
 /* SPDX-License-Identifier: MIT
- * Pairs of neighbouring floats from scattered places, for the kernel bodies. Each pair is a 64-bit load: processors
- * that must guard their gather instruction against leaks take 2 cycles an element with it, and half as long so. */
+ * Loads pairs of adjacent floats from scattered addresses, for the kernels. Each pair is a 64-bit load: on processors
+ * with a mitigation for their gather instruction (Downfall), gather takes 2 cycles an element and these loads half of
+ * that. */
 #ifndef ERN_LANES_PAIRS_H
 #define ERN_LANES_PAIRS_H
 
 #include "backend_cpu/simd/lanes.h"
 
-/* The lanes in memory, from where scalar loads take them: compilers would fetch them out of the register one by one,
- * with a shuffle each. */
+/* The lanes stored in memory for scalar loads: compilers would extract each lane from the register with a shuffle. */
 struct vu_spilled {
   uint32_t lane[LANES] __attribute__((aligned(sizeof(vu))));
 };
@@ -16,10 +16,10 @@ LANES_INLINE void vu_spill(struct vu_spilled *spilled, vu value) {
   __asm__("" : "+m"(*spilled));
 }
 
-/* A register made of four, two or one pairs a 128-bit part: even parts hold samples 4p and 4p + 1, odd ones 4p + 2 and
- * 4p + 3, so that one shuffle within the parts puts all first or all second values in order. */
+/* Registers of pairs, two in each 128-bit part p: `even` registers hold samples 4p and 4p + 1, `odd` ones 4p + 2 and 4p
+ * + 3, so that one shuffle within the parts puts all first or all second values in order. */
 #if defined(__AVX2__)
-/* Two floats as one number of 64 bits, from wherever they are. */
+/* Two floats as one 64-bit number; `at` need not be aligned. */
 LANES_INLINE double pair_at(const float *at) {
   double pair;
   memcpy(&pair, at, sizeof pair);

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * A register as quads of four floats: LANES/4 of them, wherever each lies in memory; and as a small table. */
+ * A register as LANES/4 quads of four floats, each loaded from its own address; and a register as a small look-up
+ * table. */
 #ifndef ERN_LANES_QUADS_H
 #define ERN_LANES_QUADS_H
 
@@ -7,7 +8,7 @@
 
 enum { QUADS = LANES / 4 };
 
-/* Quad q from at[q]. */
+/* Loads quad q from at[q]. */
 LANES_INLINE vf vf_load_quads(const float *const at[QUADS]) {
 #if defined(__AVX512F__)
   __m512 value = _mm512_castps128_ps512(_mm_loadu_ps(at[0]));
@@ -21,7 +22,7 @@ LANES_INLINE vf vf_load_quads(const float *const at[QUADS]) {
 #endif
 }
 
-/* Quad q to at[q]. */
+/* Stores quad q to at[q]. */
 LANES_INLINE void vf_store_quads(float *const at[QUADS], vf value) {
 #if defined(__AVX512F__)
   _mm_storeu_ps(at[0], _mm512_castps512_ps128((__m512)value));
@@ -36,7 +37,7 @@ LANES_INLINE void vf_store_quads(float *const at[QUADS], vf value) {
 #endif
 }
 
-/* The quad at `at` in every quad. */
+/* Broadcasts the quad at `at` to every quad. */
 LANES_INLINE vf vf_all_quad(const void *at) {
 #if defined(__AVX512F__)
   return (vf)_mm512_broadcast_f32x4(_mm_loadu_ps(at));
@@ -47,11 +48,11 @@ LANES_INLINE vf vf_all_quad(const void *at) {
 #endif
 }
 
-/* In each quad, its element `which` (a constant 0..3) in all four places. */
+/* Broadcasts element `which` (a constant 0..3) of each quad within that quad. */
 #define QUAD_ELEMENT(l, which) ((l) & ~3) + (which)
 #define vf_quad_element(value, which) __builtin_shufflevector(value, value, LANES_EACH(QUAD_ELEMENT, which))
 
-/* Element c of the quad in register r and element r of that in register c change places, quad by quad. */
+/* Transposes 4 x 4 in each quad: element c of register r and element r of register c are exchanged. */
 #define QUAD_EVEN(l, d) ((l)&1 ? LANES : 0) + ((l) & ~3) + ((l) >> 1 & 1) + (d)
 #define QUAD_HALF(l, d) ((l)&2 ? LANES : 0) + ((l) & ~3) + ((l)&1) + (d)
 LANES_INLINE void vf_turn_quads(vf value[4]) {
@@ -65,8 +66,8 @@ LANES_INLINE void vf_turn_quads(vf value[4]) {
   value[3] = __builtin_shufflevector(high01, high23, LANES_EACH(QUAD_HALF, 2));
 }
 
-/* 4 columns of 4 pairs of floats, to be looked up by each lane: pair (row, column) at 8*column + 2*row. Worth while
- * where that is one instruction. */
+/* A table of 4 columns of 4 pairs of floats, in which each lane looks up a value: pair (row, column) at 8*column +
+ * 2*row. WINDOW_IS_FAST: a look-up is one instruction. */
 #if defined(__AVX512F__)
 enum { WINDOW_IS_FAST = 1 };
 struct window {
@@ -102,7 +103,7 @@ LANES_INLINE vf window_at(const struct window *window, vi index) {
 }
 #endif
 
-/* The least and the greatest lane; NaN: any. */
+/* The least and the greatest lane; undefined result where a lane is NaN. */
 LANES_INLINE float vf_least(vf value) {
 #if defined(__AVX512F__)
   return _mm512_reduce_min_ps((__m512)value);

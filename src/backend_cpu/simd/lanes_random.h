@@ -6,7 +6,7 @@
 #include "backend_cpu/simd/lanes.h"
 #include "core/rng.h"
 
-/* The low halves of the 64-bit products, and the high ones. */
+/* Returns the low halves of the 64-bit products; *high = the high halves. */
 LANES_INLINE vu vu_multiply_wide(vu a, uint32_t b, vu *high) {
 #if defined(__AVX512F__)
   const __m512i x = (__m512i)a, y = _mm512_set1_epi32((int)b);

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * The losses for any instruction set (simd/isa.h). Sums are in double, one a lane, added when the rays are done. */
+ * The losses for any instruction set (simd/isa.h). Sums are in double, one for each lane, which are added at the end.
+ */
 #include "backend_cpu/simd/isa.h"
 #include "backend_cpu/simd/lanes_double.h"
 #include "backend_cpu/simd/lanes_math.h"
@@ -37,7 +38,7 @@ struct ern_softmax ERN_ISA(ern_head_softmax)(const float *u, size_t n) {
   return (struct ern_softmax){largest, vd_total(sum)};
 }
 
-/* What the rays of a batch have in common. */
+/* Values that the rays of a batch share. */
 struct head_scales {
   bool adaptive;
   float s, most, by_uncertainty, by_outside, by_entropy, by_pixel, by_audio, by_eye;
@@ -86,7 +87,7 @@ LANES_INLINE vf entropy_term(vf *dopacity, vf opacity) {
 
 enum { PHOTOMETRIC, UNCERTAINTY, OUTSIDE, ENTROPY, AUDIO, EYE, HEAD_SUMS };
 
-/* Rays r .. r + count: gradients, and what they add to the sums. */
+/* Rays r .. r + count: writes their gradients and adds their terms to the sums. */
 LANES_INLINE void head_rays(struct vd_pair sum[HEAD_SUMS], const struct ern_head_loss_view *view,
                             const struct head_scales *scales, size_t r, size_t count) {
   const vf u = vf_load_partial(view->uncertainty + r, count), face = vf_load_partial(view->face + r, count);
@@ -130,7 +131,7 @@ void ERN_ISA(ern_head_loss)(double terms[ERN_LOSS_TERMS], const struct ern_head_
 
 /* ---- differences of two rows ---- */
 
-/* *gradient = factor (a - b); the sum of the squares. The gradient has the reference's bits. */
+/* *gradient = factor (a - b), bit-identical to the reference's; adds the squares to *sum. */
 LANES_INLINE void squares_of(struct vd_pair *sum, float *gradient, const float *a, const float *b, float factor,
                              size_t n) {
   for (size_t i = 0; i < n; i += LANES) {

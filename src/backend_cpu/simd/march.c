@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: MIT
  * Rays, marching and samples for any instruction set (simd/isa.h).
  *
- * A lane is a ray (of ern_samples: a sample of one ray). Every product is rounded by itself, so what comes out is the
- * reference's to the last bit, on every instruction set. Rays that arithmetic cannot carry along the sequence step by
- * step (infinite, or so far away that t + dt = t) are left to the reference. */
+ * A lane is a ray (in ern_samples: a sample of one ray). Products are rounded separately, so on every instruction set
+ * the results are bit-identical to the reference's. The reference handles rays that t += dt cannot advance (infinite,
+ * or so far away that t + dt = t). */
 #include "backend_cpu/simd/isa.h"
 #include "backend_cpu/simd/lanes.h"
 #include "core/kernels.h"
@@ -75,10 +75,11 @@ struct walk {
   struct stepping stepping;
   vf origin[AXES], d[AXES], inverse[AXES]; /* inverse = 1/d */
   vf t, far;
-  uint32_t live; /* lanes that are under way */
+  uint32_t live; /* lanes that are still marching */
 };
 
-/* near <= t <= far is in the box; lanes that miss it, and those within the plane of a face, are not live. */
+/* The ray is inside the box for near <= t <= far. Lanes that miss the box, or lie in the plane of a face, are not live.
+ */
 LANES_INLINE vf walk_enter(struct walk *walk, size_t count) {
   const float bound = walk->settings->bound, half[AXES] = {bound, bound / 2, bound};
   vf near = vf_all(-__builtin_inff()), far = vf_all(__builtin_inff());
@@ -98,8 +99,9 @@ LANES_INLINE vf walk_enter(struct walk *walk, size_t count) {
   return near;
 }
 
-/* Negative in the lanes whose cell at t is occupied. cell, p: for the way to the cell's border, where `borders`.
- * The cell clamp(int(64 (p/bound + 1)), 0, 127) is that of the unclamped p too: outside the cube it is the last one. */
+/* Looks up the occupancy: negative in the lanes whose cell at t is occupied. Where `borders` is set, cell and p are
+ * outputs for the distance to the cell's border. The cell is clamp(int(64 (p/bound + 1)), 0, 127), also for an
+ * unclamped p: outside the cube it is the last cell. */
 LANES_INLINE vi walk_look(const struct walk *walk, vf t, vi cell[AXES], vf p[AXES], const bool borders) {
   const float bound = walk->settings->bound, half_side = ERN_OCCUPANCY_SIDE / 2;
   const vf inverse_bound = vf_all(1 / bound);
@@ -108,10 +110,10 @@ LANES_INLINE vi walk_look(const struct walk *walk, vf t, vi cell[AXES], vf p[AXE
   for (int axis = 0; axis < AXES; axis++) {
     p[axis] = walk->origin[axis] + vf_multiply_rounded(t, walk->d[axis]);
     if (borders) p[axis] = vf_min(vf_max(p[axis], vf_all(-bound)), vf_all(bound));
-    /* 64 q is exact, so that contraction changes nothing here */
+    /* 64 q is exact, so contraction to a multiply-add changes nothing */
     const vf place = vf_multiply_rounded(p[axis], inverse_bound) * half_side + half_side;
     cell[axis] = __builtin_convertvector(vf_min(vf_max(place, vf_all(0)), vf_all(ERN_OCCUPANCY_SIDE - 1)), vi);
-    vu v = (vu)cell[axis]; /* 7 bits, moved apart as in morton.h */
+    vu v = (vu)cell[axis]; /* spreads 7 bits as in morton.h */
     v = (v | v << 8) & 0x0000F00Fu;
     v = (v | v << 4) & 0x000C30C3u;
     v = (v | v << 2) & 0x00249249u;
@@ -126,7 +128,7 @@ LANES_INLINE vf walk_leave(const struct walk *walk, const vi cell[AXES], const v
   vf least = vf_all(__builtin_inff());
 #pragma GCC unroll 3
   for (int axis = 0; axis < AXES; axis++) {
-    const vi forward = ((vi)walk->d[axis] >= 0) & 1; /* by the sign, that of zeros too */
+    const vi forward = ((vi)walk->d[axis] >= 0) & 1; /* by the sign bit, also of zeros */
     const vf side = __builtin_convertvector(cell[axis] + forward, vf) / ERN_OCCUPANCY_SIDE * 2.0f - 1.0f;
     const vf way = vf_multiply_rounded(side, vf_all(walk->settings->bound)) - p[axis];
     least = vf_min(vf_multiply_rounded(way, walk->inverse[axis]), least);
@@ -134,8 +136,8 @@ LANES_INLINE vf walk_leave(const struct walk *walk, const vi cell[AXES], const v
   return vf_max(least, vf_all(0));
 }
 
-/* The samples of the lanes, gathered in rows with room for one more than a ray can have: every lane writes at each
- * distance, and only those that hit move on. */
+/* The samples of the lanes, in rows with room for one more than a ray can have: every lane writes each distance, but
+ * only lanes in an occupied cell advance their index. */
 struct found {
   vu next; /* where in `t` the lane writes */
   size_t stride;
@@ -148,7 +150,7 @@ LANES_INLINE vu found_begin(const struct found *found) {
 }
 #undef LANE_NUMBER
 
-/* Bits of the lanes that have room left. */
+/* Adds a distance; returns the bits of the lanes with room left. */
 LANES_INLINE uint32_t found_add(struct found *found, vf t, uint32_t hit) {
   float distance[LANES];
   uint32_t next[LANES];
@@ -172,7 +174,7 @@ static void found_copy(float *t, int32_t *count, const struct found *found, size
   memcpy(count, &number, lanes * sizeof *count);
 }
 
-/* Every distance of the sequence is looked at: where no step is shorter than the longest way through a cell. */
+/* Tests every distance of the sequence: for lanes in which no step is shorter than the longest path through a cell. */
 LANES_INLINE void walk_all(struct found *found, const struct walk *from, const bool constant) {
   const struct walk walk = *from;
   vf t = walk.t, p[AXES];
@@ -185,7 +187,7 @@ LANES_INLINE void walk_all(struct found *found, const struct walk *from, const b
   }
 }
 
-/* Steps until past the border of an empty cell, as the reference has it; lanes wait for each other before a look. */
+/* Steps past the border of an empty cell, as the reference does; lanes synchronise before each look-up. */
 LANES_INLINE void walk_cells(struct found *found, const struct walk *from) {
   const struct walk walk = *from;
   vf t = walk.t, p[AXES];
@@ -204,9 +206,9 @@ LANES_INLINE void walk_cells(struct found *found, const struct walk *from) {
   }
 }
 
-/* Along the sequence without a look, while t < not_before. */
+/* Advances along the sequence without look-ups while t < not_before. */
 LANES_INLINE void walk_climb(struct walk *walk, vf not_before, const bool constant) {
-  const vf far = walk->far, end = vf_min(far, not_before); /* not a number: nothing is known */
+  const vf far = walk->far, end = vf_min(far, not_before); /* NaN: no bound known */
   vf t = walk->t;
   for (uint32_t below = walk->live;;) {
     below &= vf_less_bits(t, end);
@@ -217,8 +219,9 @@ LANES_INLINE void walk_climb(struct walk *walk, vf not_before, const bool consta
   walk->live &= vf_less_bits(t, far);
 }
 
-/* Bits of the lanes whose steps may be shorter than the way through a cell. |side - p| of the reference's cell_leave is
- * below the cell's width (2/128 bound), but for roundings of less than 2^-15 of it: 2^-10 is allowed. */
+/* Bits of the lanes whose steps may be shorter than the path through a cell. |side - p| of the reference's cell_leave
+ * is below the cell's width (2/128 bound), except for rounding errors of less than 2^-15 of it: the test allows 2^-10.
+ */
 LANES_INLINE uint32_t walk_short(const struct walk *walk) {
   vf least = vf_all(__builtin_inff());
   for (int axis = 0; axis < AXES; axis++) least = vf_min((vf)((vi)walk->inverse[axis] & INT32_MAX), least);
@@ -226,7 +229,7 @@ LANES_INLINE uint32_t walk_short(const struct walk *walk) {
   return ~vf_less_bits(least * width, vf_all(walk->stepping.shortest)) & walk->live;
 }
 
-/* Bits of the lanes where t + dt > t is not certain all the way: at t < 2^22 dt a step is two units of t's last place.
+/* Bits of the lanes where t + dt > t may fail before the far end: at t < 2^22 dt a step is two units of t's last place.
  */
 LANES_INLINE uint32_t walk_stuck(const struct walk *walk) {
   const vf limit = vf_all(walk->stepping.shortest * 4194304.0f);
@@ -234,7 +237,7 @@ LANES_INLINE uint32_t walk_stuck(const struct walk *walk) {
   return ~(vf_less_bits(t, limit) & vf_less_bits(far, limit)) & walk->live;
 }
 
-/* What the lanes share is as the kernels take it for granted; where not, the reference marches. */
+/* Whether the settings are in the range that these kernels assume; otherwise the reference marches. */
 static bool is_usual(const struct ern_march_settings *settings) {
   return settings->bound >= 0x1p-20f && settings->bound <= 0x1p20f && settings->max_steps >= 1 &&
          settings->max_steps <= ERN_MAX_STEPS;

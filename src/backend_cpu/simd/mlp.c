@@ -24,7 +24,7 @@ struct product {
   finish finish;
 };
 
-/* One block. `rows`, `vectors` and one of a_row, a_step are constants where this is inlined. */
+/* Computes one block. `rows`, `vectors` and one of a_row, a_step are constants after inlining. */
 LANES_INLINE void block(const struct product *p, size_t row, size_t column, const size_t rows, const size_t vectors,
                         const size_t a_row, const size_t a_step) {
   vf sum[ROWS][VECTORS] = {{{0}}};
@@ -47,7 +47,7 @@ LANES_INLINE void block(const struct product *p, size_t row, size_t column, cons
   _Pragma("GCC unroll 8") for (size_t r = 0; r < rows; r++) {                   \
     _Pragma("GCC unroll 3") for (size_t v = 0; v < vectors; v++) { statement; } \
   }
-  if (p->finish == STORE_RELU) EACH_SUM(sum[r][v] = vf_select(sum[r][v] < 0, (vf){0}, sum[r][v])) /* a NaN stays one */
+  if (p->finish == STORE_RELU) EACH_SUM(sum[r][v] = vf_select(sum[r][v] < 0, (vf){0}, sum[r][v])) /* NaN stays NaN */
   if (p->finish == ADD) EACH_SUM(sum[r][v] += vf_load(out + r * p->out_row + v * LANES))
   EACH_SUM(vf_store(out + r * p->out_row + v * LANES, sum[r][v]))
 #undef EACH_SUM
@@ -63,7 +63,7 @@ LANES_INLINE void block_rows(const struct product *p, size_t rows, size_t column
   if (rows - row >= 1) block(p, row, column, 1, vectors, a_row, a_step);
 }
 
-/* Columns in groups of three registers; four are better two and two than three and one. */
+/* Columns in groups of three registers; four are split 2 + 2, which is faster than 3 + 1. */
 LANES_INLINE void product_any(const struct product *p, size_t rows, size_t columns, const size_t a_row,
                               const size_t a_step) {
   size_t left = (columns + LANES - 1) / LANES, column = 0;
@@ -87,7 +87,7 @@ static __attribute__((noinline)) void product(const struct product *p, size_t ro
   }
 }
 
-/* One row of a tile: samples first .. first+count-1 of a channel, zeros behind. */
+/* One row of a tile: samples first .. first+count-1 of a channel, then zeros. */
 LANES_INLINE void gather_row(float *to, const struct ern_rows_view *x, size_t channel, const int32_t *ray, size_t first,
                              size_t count) {
   const float *row = x->data + channel * x->stride;
@@ -157,7 +157,7 @@ void ERN_ISA(ern_mlp_fwd)(float *y, size_t y_stride, const struct ern_rows_view 
   }
 }
 
-/* Lane l of row r and lane r of row l change places: log2(LANES) rounds of exchanges over distance d. */
+/* Transposes: lane l of row r and lane r of row l are exchanged, in log2(LANES) rounds with distance d. */
 #define TURN_LOW(l, d) ((l) & (d) ? LANES + (l) - (d) : (l))
 #define TURN_HIGH(l, d) ((l) & (d) ? LANES + (l) : (l) + (d))
 #define TURN_ROUND(d)                                                            \
@@ -190,7 +190,7 @@ LANES_INLINE void turn_block(float *out, size_t out_row, const float *in, size_t
   for (size_t r = 0; r < LANES; r++) vf_store(out + r * out_row, row[r]);
 }
 
-/* out [TILE][padded width] = tile [width][TILE] turned; zeros behind the width */
+/* out [TILE][padded width] = the transpose of tile [width][TILE]; zeros past the width */
 static void turn(float *out, const float *tile, int width) {
   const size_t out_row = ern_mlp_padded(width);
   for (size_t c = 0; c < (size_t)width; c += LANES) {
@@ -205,14 +205,14 @@ static void turn(float *out, const float *tile, int width) {
   }
 }
 
-/* d relu: 0 where the unit was off */
+/* derivative of the ReLU: 0 where the unit was inactive */
 static void relu_bwd(float *slope, const float *value, int rows) {
   for (size_t i = 0; i < (size_t)rows * TILE; i += LANES) {
     vf_store(slope + i, vf_select(vf_load(value + i) <= 0, (vf){0}, vf_load(slope + i)));
   }
 }
 
-/* dx += the rows of a tile; of a row that the whole batch shares, their sum. */
+/* dx += the rows of a tile; for a row that the whole batch shares, adds their sum. */
 static void scatter(const struct ern_rows_view *dx, const struct ern_rows_view *x, int pieces, const float *slope,
                     size_t first, size_t count) {
   for (int p = 0; p < pieces; p++) {
@@ -230,8 +230,8 @@ static void scatter(const struct ern_rows_view *dx, const struct ern_rows_view *
   }
 }
 
-/* One tile, from its slope at the output; the gradients of the weights gather in the scratch. Returns the slope at the
- * input, or NULL where that is not wanted. */
+/* Backward pass of one tile from the gradient at its output; accumulates the weights' gradients in the scratch. Returns
+ * the gradient at the input, or NULL where that is not wanted. */
 static float *tile_bwd(float *scratch, const struct ern_mlp_layout *at, const float *parameters,
                        const struct ern_mlp *mlp, bool dx_wanted) {
   float *slope = scratch + at->slope[0], *next = scratch + at->slope[1], *turned = scratch + at->turned;

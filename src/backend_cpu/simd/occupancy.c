@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  * Points, refresh and bits of the head's occupancy grid for any instruction set (simd/isa.h). Points, cells and bits
- * are the reference's to the bit; the sum over cells is of the same doubles in another order. */
+ * are bit-identical to the reference's; the sum over cells adds the same doubles in another order. */
 #include "backend_cpu/simd/isa.h"
 #include "backend_cpu/simd/lanes_block.h"
 #include "backend_cpu/simd/lanes_double.h"
@@ -9,7 +9,7 @@
 
 /* ---- points ---- */
 
-/* Every third bit, from bit 0 (the inverse of ern_morton_spread). */
+/* Extracts every third bit, from bit 0 (the inverse of ern_morton_spread). */
 LANES_INLINE vu gather_bits(vu m) {
   m &= 0x49249249u;
   m = (m ^ (m >> 2)) & 0xC30C30C3u;
@@ -49,7 +49,7 @@ LANES_INLINE vb flipped(vb x, int axis) {
   }
 }
 
-/* The largest of each cell of a block and its neighbours. */
+/* For each cell of a block, the maximum of it and its neighbours. */
 LANES_INLINE vb largest_around(const float *fresh, uint32_t block) {
   static const vbi upper[3] = {
       {0, -1, 0, -1, 0, -1, 0, -1}, {0, 0, -1, -1, 0, 0, -1, -1}, {0, 0, 0, 0, -1, -1, -1, -1}};
@@ -67,7 +67,7 @@ LANES_INLINE vb largest_around(const float *fresh, uint32_t block) {
   return most;
 }
 
-/* Whole blocks from cell `begin` on. summand: their new values, 0 for marked cells. */
+/* Updates whole blocks from cell `begin` on. summand: their new values, 0 for marked cells. */
 static void update_blocks(float *grid, const float *fresh, const uint8_t *bits, const struct ern_occupancy_decay *decay,
                           uint32_t begin, uint32_t end, float *summand) {
   float left = 1;
@@ -82,7 +82,7 @@ static void update_blocks(float *grid, const float *fresh, const uint8_t *bits, 
   }
 }
 
-enum { CHUNK = 64 * BLOCK /* cells that are added up at once */ };
+enum { CHUNK = 64 * BLOCK /* cells summed at a time */ };
 
 void ERN_ISA(ern_occupancy_update)(float *grid, double *sum, const float *fresh, const uint8_t *bits,
                                    const struct ern_occupancy_decay *decay, uint32_t cell_begin, uint32_t cell_end) {

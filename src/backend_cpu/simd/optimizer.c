@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * AdamW, the moving average and the test for finite values for any instruction set (simd/isa.h). Every product is
- * rounded by itself, so that the numbers are the reference's to the bit; memory is slower than that. */
+ * AdamW, the moving average and the test for finite values for any instruction set (simd/isa.h). Products are rounded
+ * separately, so that the results are bit-identical to the reference's; memory bandwidth is the limit anyway. */
 #include <float.h>
 #include <math.h>
 
@@ -12,12 +12,11 @@ struct adamw_scales {
   vf keep, fresh, unbias, rate, beta2, eps;
 };
 
-/* The second moment of an entry that has no gradient any more halves every 69 steps (beta2 = 0.99), gets among the
- * denormal numbers, and stays there for good. Processors that take 100 ns for a product or a root of those convert and
- * add them as fast as any. So where there is one, products and root are taken in double: exact, and rounded to float
- * once. */
+/* The second moment of an entry without gradients halves every 69 steps (beta2 = 0.99), becomes denormal and stays so.
+ * Some processors take 100 ns for a product or root of denormals, but convert and add them at full speed. So where a
+ * denormal may occur, products and root are computed in double: exact, and rounded to float once. */
 
-/* Whether v, or a product, may be denormal. */
+/* Whether v or a product may be denormal. */
 LANES_INLINE bool near_denormal(vf v, vf g) {
   const vi v_bits = (vi)v & INT32_MAX, g_bits = (vi)g & INT32_MAX;
   const vi low_v = (v_bits > 0) & (v_bits < 0x01000000);              /* 2^-125 */
@@ -46,7 +45,7 @@ LANES_INLINE vf next_moment(vf v, vf g, const struct adamw_scales *s, vf *root) 
   return next;
 }
 
-/* Of a gradient whose square is too large: as the reference, both 2^-64 as large. */
+/* For a gradient whose square overflows: as in the reference, both are scaled by 2^-64. */
 LANES_INLINE vf far_quotient(vf v, vf g, const struct adamw_scales *s) {
   const vf less = g * 0x1p-64f, moment = v * 0x1p-64f * 0x1p-64f;
   const vf next =

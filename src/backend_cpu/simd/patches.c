@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * The loss over patches for any instruction set (simd/isa.h). Pixels of a scale are a multiple of 16, so of LANES;
- * a line of a small scale may be shorter than a register. */
+ * The loss over patches for any instruction set (simd/isa.h). The number of pixels of a scale is a multiple of 16, so
+ * of LANES; a line of a small scale may be shorter than a register. */
 #include "backend_cpu/simd/isa.h"
 #include "backend_cpu/simd/lanes_double.h"
 #include "core/kernels.h"
@@ -36,12 +36,12 @@ static void products(float *out, const float *a, const float *b, size_t n) {
   for (size_t i = 0; i < n; i += LANES) vf_store(out + i, vf_load(a + i) * vf_load(b + i));
 }
 
-/* Of the pixels of a scale, less the mean `base` of the recorded picture. */
+/* Filtered values of a scale's pixels, minus the mean `base` of the recorded picture. */
 struct filtered {
   float *x, *y, *xx, *yy, *xy; /* filtered: x, y, x^2, y^2, xy */
 };
 
-/* Sum of 1 - SSIM; f->x, xx, xy become the slopes of the sum of SSIM by A x, A x^2, A xy. */
+/* Sum of 1 - SSIM; f->x, xx, xy become the derivatives of the sum of SSIM by A x, A x^2, A xy. */
 static double slopes(const struct filtered *f, float base, size_t n) {
   struct vd_pair sum = {{{0}}};
   for (size_t i = 0; i < n; i += LANES) {

@@ -1,12 +1,11 @@
 /* SPDX-License-Identifier: MIT
- * What a core can reach with one instruction set: multiply-adds in registers, and reads at random places of a small
- * table. */
+ * Peak throughput of a core with one instruction set: multiply-adds in registers, and random reads of a small table. */
 #include "backend_cpu/peak.h"
 #include "backend_cpu/simd/isa.h"
 #include "backend_cpu/simd/lanes.h"
 
 enum {
-  MULTIPLY_CHAINS = 12, /* independent, so that two units of four cycles are kept busy; 12 + 2 registers of 16 */
+  MULTIPLY_CHAINS = 12, /* independent chains, to saturate two units of latency 4; 12 + 2 registers of 16 */
   GATHER_CHAINS = 4
 };
 
@@ -24,7 +23,8 @@ double ERN_ISA(ern_peak_multiply)(float *sink, size_t turns) {
   return 2.0 * MULTIPLY_CHAINS * LANES * (double)turns;
 }
 
-/* Plain loads and stores, through the caches: where the copy stays in one this beats memcpy, which goes around them. */
+/* Plain loads and stores through the caches: where the copy stays in a cache this is faster than memcpy, which bypasses
+ * them. */
 void ERN_ISA(ern_peak_copy)(float *restrict to, const float *restrict from, size_t count) {
   for (size_t i = 0; i < count; i += 4 * LANES) {
     const vf a = vf_load(from + i), b = vf_load(from + i + LANES), c = vf_load(from + i + 2 * LANES),
@@ -36,14 +36,15 @@ void ERN_ISA(ern_peak_copy)(float *restrict to, const float *restrict from, size
   }
 }
 
-/* Every value read, its sign turned, and written to its place: no line is fetched only to be overwritten, so this moves
- * more of what was asked for than a copy does. */
+/* Negates every value in place. No cache line is fetched only to be overwritten, so its useful bandwidth is higher than
+ * a copy's. */
 void ERN_ISA(ern_peak_update)(float *x, size_t count) {
   for (size_t i = 0; i < count; i += 4 * LANES)
     for (size_t k = 0; k < 4; k++) vf_store(x + i + k * LANES, -vf_load(x + i + k * LANES));
 }
 
-/* Indices come from a linear congruence, its high bits (Numerical Recipes' constants); ERN_PEAK_TABLE is 2^14. */
+/* Indices are the high bits of a linear congruential generator (constants of Numerical Recipes); ERN_PEAK_TABLE is
+ * 2^14. */
 double ERN_ISA(ern_peak_gather)(float *sink, const float *table, size_t turns) {
   vf sum[GATHER_CHAINS];
   vu state[GATHER_CHAINS];

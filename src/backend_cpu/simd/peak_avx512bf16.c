@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * The peak of AVX512_BF16: products of pairs. */
+ * Peak throughput of AVX512_BF16: products of pairs. */
 #if !defined(__AVX512BF16__)
 #error "compile this file with -mavx512f -mavx512dq -mavx512bw -mavx512vl -mavx512bf16 -mfma"
 #endif
@@ -7,9 +7,9 @@
 #include "backend_cpu/peak.h"
 #include "backend_cpu/simd/lanes_bf16.h"
 
-enum { PAIR_CHAINS = 16 /* more than two units of seven cycles need */ };
+enum { PAIR_CHAINS = 16 /* enough for two units of latency 7 */ };
 
-/* Each turn adds 2^-24 to a chain: turns enough for no overflow, and no denormals. */
+/* Each turn adds 2^-24 to a chain: no overflow and no denormals. */
 double ern_peak_multiply_avx512bf16(float *sink, size_t turns) {
   vf chain[PAIR_CHAINS];
   const vu a = vf_pairs(vf_all(0x1p-12f), vf_all(0x1p-12f)), b = vf_pairs(vf_all(0x1p-13f), vf_all(0x1p-13f));

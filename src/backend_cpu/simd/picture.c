@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * Between bytes and rows (picture_ops.h), LANES pixels at a time; the same bits as the reference. Bytes are those of a
- * little-endian machine, as all that have these instruction sets. */
+ * Converts between bytes and rows (picture_ops.h), LANES pixels at a time, bit-identical to the reference. Assumes a
+ * little-endian machine, as all with these instruction sets are. */
 #include "backend_cpu/simd/isa.h"
 #include "backend_cpu/simd/lanes.h"
 #include "core/kernels.h"

@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: MIT
- * A tile of rays in flight, for any instruction set (simd/isa.h).
+ * The fused renderer's tile of rays, for any instruction set (simd/isa.h).
  *
- * A tile has a slot for each of its rays and evaluates the next sample of all of them at once. A ray that is spent, or
- * has no sample left, is written out and its slot given to the next ray, so tiles are full until the frame ends, and no
- * sample behind the light's end is ever computed. */
+ * A tile has a slot for each of its rays and evaluates the next sample of all of them together. A ray whose
+ * transmittance is used up, or that has no sample left, is written out, and its slot is given to the next ray. So tiles
+ * stay full until the frame ends, and no sample after a ray's end is computed. */
 #include <math.h>
 
 #include "backend_cpu/fused/render_scratch.h"
@@ -25,7 +25,7 @@ LANES_INLINE vf squares(const float *v, size_t rows, const float times) {
   return sum;
 }
 
-/* norm = |W_v h|: what the samples' attention is reported by */
+/* norm = |W_v h|: the attention that is reported for the samples */
 static void attention_norm(float *norm, float *v, const struct ern_frame_net *net, const float *hidden) {
   tile_outputs(v, net->value, hidden, net->value_rows, tile_rows_padded(net->attention));
   for (size_t k = 0; k < TILE; k += LANES) {
@@ -38,7 +38,7 @@ static void attention_norm(float *norm, float *v, const struct ern_frame_net *ne
   }
 }
 
-/* sigma, rgb of a tile whose features are there. */
+/* Computes sigma and rgb of a tile from its features. */
 static void field_tile(struct render_scratch *s, const struct flight *f, const struct ern_frame_net *net,
                        bool norm_wanted) {
   const size_t features = tile_rows_padded(net->features), density = tile_rows_padded(net->density);
@@ -71,7 +71,7 @@ static void field_tile(struct render_scratch *s, const struct flight *f, const s
 
 /* ---- rays coming in ---------------------------------------------------------------------------------------------- */
 
-/* Marches the next rays of the order until some of them have samples. False where the order is at its end. */
+/* Marches the next rays of work->order until some have samples. False at the end of the order. */
 static bool next_rays(struct render_scratch *s, const struct ern_render_work *work, atomic_size_t *next,
                       struct ern_profile *profile) {
   s->hits = s->taken = s->shared = 0;
@@ -98,7 +98,8 @@ static bool next_rays(struct render_scratch *s, const struct ern_render_work *wo
   return true;
 }
 
-/* What the colour's first layer gets from direction and individual code, for the next rays that have samples. */
+/* Computes the contribution of direction and individual code to the colour's first layer, for the next rays with
+ * samples. */
 static void share_rays(struct render_scratch *s, const struct ern_render_work *work) {
   const struct ern_frame_net *net = work->net;
   const size_t n = s->hits - s->shared < TILE ? s->hits - s->shared : TILE;
@@ -186,7 +187,7 @@ static void put_ray(const struct flight *f, size_t slot, const struct ern_render
   if (work->eye != NULL) work->eye[ray] = f->eye[slot];
 }
 
-/* An empty slot goes on with a sample of an earlier ray, or with zeros, and nobody reads what becomes of it. */
+/* Marks a slot as empty. It still evaluates a sample of an earlier ray, or zeros; the result is not used. */
 static void empty_slot(struct flight *f, size_t slot, const struct ern_render_work *work) {
   f->ray[slot] = -1;
   f->at[slot] = (int32_t)(slot * (size_t)work->settings.max_steps);
@@ -194,7 +195,7 @@ static void empty_slot(struct flight *f, size_t slot, const struct ern_render_wo
   f->transmittance[slot] = 1;
 }
 
-/* A bit for each slot whose ray is spent or has no sample left. */
+/* A bit for each slot whose ray has no transmittance or no sample left. */
 static uint64_t slots_done(const struct flight *f, const struct ern_render_work *work) {
   uint64_t done = 0;
   for (size_t k = 0; k < TILE; k += LANES) {
@@ -206,7 +207,7 @@ static uint64_t slots_done(const struct flight *f, const struct ern_render_work 
   return done;
 }
 
-/* Writes out the rays that are done and gives their slots to others. */
+/* Writes out the finished rays and gives their slots to other rays. */
 static void turn_over(struct render_scratch *s, struct flight *f, const struct ern_render_work *work,
                       atomic_size_t *next, struct ern_profile *profile) {
   for (uint64_t done = slots_done(f, work); done != 0; done &= done - 1) {
@@ -228,7 +229,7 @@ static double lap(struct ern_profile *profile, ern_profile_stage stage, double s
   return now;
 }
 
-/* A sample of each ray in flight. False where no ray is. */
+/* Evaluates a sample of each ray in flight. False where there is none. */
 static bool advance(struct render_scratch *s, const struct ern_render_work *work, atomic_size_t *next,
                     struct ern_profile *profile, double *at) {
   struct tile_places places[ERN_FLIGHTS];

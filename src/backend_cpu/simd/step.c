@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  * The kernels of the fused training step for any instruction set (simd/isa.h). A sample's values do not depend on its
- * place in a tile. */
+ * position in a tile. */
 #include <math.h>
 
 #include "backend_cpu/fused/step_kernels.h"
@@ -30,8 +30,8 @@ LANES_INLINE void clear_row(float *to, size_t width) {
   for (size_t c = 0; c < width; c += LANES) vf_store(to + c, (vf){0});
 }
 
-/* rows [TILE][row], columns 0 .. width-1 of it = f [width][stride] of the tile's samples; up to LANES - 1 columns
- * behind become 0 */
+/* rows [TILE][row], columns 0 .. width-1 of it = f [width][stride] of the tile's samples; up to LANES - 1 columns after
+ * them become 0 */
 static void rows_of_channels(float *rows, size_t row, const float *f, size_t stride, size_t width) {
   for (size_t c = 0; c < width; c += LANES) {
     const size_t have = least(width - c, LANES);
@@ -57,7 +57,7 @@ static void channels_of_rows(float *f, size_t stride, const float *rows, size_t 
   }
 }
 
-/* Row s of the tile = row index[first + s] of `from`; rows behind the last are 0. width: aligned */
+/* Row s of the tile = row index[first + s] of `from`; rows past the last are 0. width: aligned */
 static void rows_of_list(float *rows, size_t row, const float *from, size_t width, const struct ern_train_list *list,
                          size_t first) {
   const size_t count = least(list->count - first, TILE);
@@ -123,7 +123,7 @@ LANES_INLINE void add_sums(float *gradient, const float *slope, const float *x, 
   for (size_t v = 0; v < width / LANES; v++) vf_store(gradient + v * LANES, sum[v]);
 }
 
-/* out(s, c) = sum over the outputs o of slope(o, s) w(o, c), where the unit was on: x(s, c) > 0 */
+/* out(s, c) = sum over the outputs o of slope(o, s) w(o, c), where the unit was active: x(s, c) > 0 */
 LANES_INLINE void slopes_of(float *out, size_t out_row, const float *slope, const float *w, const float *x,
                             size_t x_row, const size_t outputs, const size_t width) {
   for (size_t s = 0; s < TILE; s++) {
@@ -137,7 +137,7 @@ LANES_INLINE void slopes_of(float *out, size_t out_row, const float *slope, cons
   }
 }
 
-/* out [TILE] = values[first ..] of count samples, 0 behind */
+/* out [TILE] = values[first ..] of count samples, then 0 */
 static void take(float *out, const float *values, size_t first, size_t count) {
   for (size_t s = 0; s < TILE; s += LANES)
     vf_store(out + s, s < count ? vf_load_first(values + first + s, count - s) : (vf){0});
@@ -162,7 +162,7 @@ LANES_INLINE vf exchanged(vf value, uint32_t by) {
 }
 
 /* (c0, c1) is entry c0 ^ c1*prime modulo the size of the level (docs/maths.md, Tri-plane hash grids). The entries of a
- * register of c0 lie in one aligned place, in another order. */
+ * register of c0 are one aligned group, permuted. */
 static void unhash(float *value, const float *entries, const struct ern_grid_level *level) {
   const uint32_t side = level->resolution + 1, prime = 2654435761u, size = level->size;
   for (uint32_t c1 = 0; c1 < side; c1++, value += side) {
@@ -176,7 +176,7 @@ static void unhash(float *value, const float *entries, const struct ern_grid_lev
   }
 }
 
-/* Features of the planes that see a point outside the cube: 0. */
+/* Sets the features of planes on which the point is outside the cube to 0. */
 static void clear_outside(float *f, const vi *inside, const struct ern_frame_net *grids) {
   for (size_t p = 0; p < ERN_PLANES; p++) {
     const vi *first = inside + (size_t)grids->axis[p][0] * (TILE / LANES);
@@ -188,7 +188,7 @@ static void clear_outside(float *f, const vi *inside, const struct ern_frame_net
   }
 }
 
-/* t->f of the tiles from sample `first` on, as many as there is room for. */
+/* Encodes the tiles from sample `first` on into t->f, up to ERN_TRAIN_TILES of them. */
 static void encode(const struct ern_train_net *net, struct ern_train_tile *t, const float *x, size_t stride,
                    size_t first, size_t count) {
   const double began = ern_profile_now();
@@ -238,13 +238,13 @@ static void layer(struct ern_train_tile *t, float *out, size_t out_row, const fl
   rows_forward(&p);
 }
 
-/* From the features in t->ins: hidden units first .. last-1 of those that look at them. */
+/* Computes hidden units first .. last-1 from the features in t->ins. */
 static void hidden_fwd(const struct ern_train_net *net, struct ern_train_tile *t, size_t first, size_t last) {
   layer(t, t->hidden + first, net->hidden, t->ins, net->in_row, net->factors + net->of_features + first, net->hidden,
         last - first, net->features, ROWS_RELU);
 }
 
-/* v and the eye attention, behind the features. */
+/* Computes v and the eye attention; stores them after the features in t->ins. */
 static void attention_fwd(const struct ern_train_net *net, struct ern_train_tile *t) {
   float *v = t->ins + net->features;
   layer(t, v, net->in_row, t->hidden, net->hidden, net->factors + net->attention, CODE, CODE, ATTENTION, ROWS_STORE);
@@ -266,7 +266,8 @@ static void density_fwd(const struct ern_train_net *net, struct ern_train_tile *
   dots(t->log_sigma, hidden, row, net->weights + net->sigma, DENSITY);
 }
 
-/* Harmonics of sample s's ray, as many as the colour reads, and 1, behind the hidden density; ray < 0: zeros */
+/* Writes the harmonics of sample s's ray, as many as the colour uses, and 1, after the hidden density; ray < 0: zeros
+ */
 static void put_harmonics(const struct ern_train_net *net, float *row, const float *harmonics, size_t stride,
                           int32_t ray) {
   for (size_t k = 0; k < net->harmonics; k++) row[DENSITY + k] = ray >= 0 ? harmonics[k * stride + (size_t)ray] : 0;
@@ -280,7 +281,7 @@ static void colour_fwd(const struct ern_train_net *net, struct ern_train_tile *t
     dots(t->rgb_raw + c * TILE, t->colour, COLOUR, net->weights + net->rgb + c * COLOUR, COLOUR);
 }
 
-/* The tile's features, encoded where it is the first of its group. */
+/* The tile's features; the first tile of a group encodes the whole group. */
 static void features_fwd(const struct ern_train_net *net, struct ern_train_tile *t, const float *x, size_t stride,
                          size_t first, size_t count) {
   const size_t tile = first / TILE % ERN_TRAIN_TILES;
@@ -361,7 +362,7 @@ static void add_weights(struct ern_train_tile *t, float *gradient, size_t gradie
   rows_sums(&p);
 }
 
-/* out = dy W, where the unit was on: x > 0 */
+/* out = dy W, where the unit was active: x > 0 */
 static void layer_bwd(struct ern_train_tile *t, float *out, size_t out_row, const float *dy, size_t dy_row, size_t outs,
                       const float *w, size_t ins, const float *x, size_t x_row) {
   const struct rows_factors a = rows_beside(t->factors[0], dy, dy_row, outs);
@@ -385,7 +386,7 @@ static float *slope_density(struct ern_train_tile *t) { return t->slope + 3 * TI
 static float *slope_eye(struct ern_train_tile *t) { return t->slope + 4 * TILE; }
 static float *slope_unc(struct ern_train_tile *t) { return t->slope + 5 * TILE; }
 
-/* From the slopes of rgb_raw and of the logarithm of the density to those of features, eye attention and v. */
+/* Backward pass from the gradients of rgb_raw and of the log density to those of features, eye attention and v. */
 static void scene_bwd(const struct ern_train_net *net, struct ern_train_tile *t, float *gradient) {
   const float *w = net->weights;
   for (size_t c = 0; c < 3; c++)
@@ -417,7 +418,7 @@ static void norm_bwd(const struct ern_train_net *net, struct ern_train_tile *t, 
   }
 }
 
-/* From the slopes of v, eye_raw and unc_raw to the features, on top of d_features. */
+/* Backward pass from the gradients of v, eye_raw and unc_raw to the features; adds to d_features. */
 static void attention_bwd(const struct ern_train_net *net, struct ern_train_tile *t, float *gradient,
                           rows_finish finish) {
   const float *w = net->weights;
@@ -439,7 +440,8 @@ static void attention_bwd(const struct ern_train_net *net, struct ern_train_tile
         net->slope_row, net->scene_hidden, finish);
 }
 
-/* The slopes of the outputs times those of the activations. The density's are clamped, as the public code's. */
+/* Multiplies the outputs' gradients by the activations' derivatives. The density's are clamped as in the public code.
+ */
 static void outputs_bwd(const struct ern_train_net *net, struct ern_train_tile *t,
                         const struct ern_train_backward_args *a, size_t first, size_t count) {
   for (size_t c = 0; c < 3; c++) {
@@ -495,7 +497,7 @@ static void backward(const struct ern_train_net *net, struct ern_train_tile *t,
 
 /* ---- smoothness -------------------------------------------------------------------------------------------------- */
 
-/* slope = factor (moved - still), 0 behind count; *sum += the squares */
+/* slope = factor (moved - still), 0 past count; *sum += the squares */
 static void difference(float *slope, double *sum, const float *moved, const float *still, float factor, size_t first,
                        size_t count) {
   for (size_t s = 0; s < TILE; s++) {

@@ -33,7 +33,7 @@ static void axis_terms(float *terms, const float *bias, const float *weight, con
   }
 }
 
-/* What a block's rows have in common, by row of blocks. */
+/* Values that the pixels of a row of blocks share. */
 struct rows {
   int row[BANDS]; /* first */
   vu cell[BANDS];
@@ -67,7 +67,7 @@ struct block {
 #define LANE_ROW(l, d) (l) / 4
 #define LANE_COLUMN(l, d) (l) % 4
 
-/* Lanes inside the picture where the occupancy, bilinear as the reference takes it, is above the threshold. */
+/* The lanes inside the picture in which the occupancy, interpolated as in the reference, is above the threshold. */
 static vi choose(const struct ern_torso_frame *frame, const struct rows *rows, size_t band, size_t column) {
   static const vi lane_row = {LANES_EACH(LANE_ROW, 0)}, lane_column = {LANES_EACH(LANE_COLUMN, 0)};
   const vf right = vf_all_quad(frame->column.weight + column), lower = rows->weight[band];
@@ -84,7 +84,7 @@ static vi choose(const struct ern_torso_frame *frame, const struct rows *rows, s
          (lane_column + (int32_t)column < frame->width);
 }
 
-/* All that a tile needs; about 30 KiB. */
+/* The work memory of a tile; about 30 KiB. */
 struct tile {
   float first[TERMS * TILE]; /* first layers without the grid's part; the deformation's after its ReLU */
   float hidden[HIDDEN * TILE];
@@ -118,7 +118,7 @@ static void first_layers(struct tile *tile, const struct ern_torso_frame *frame,
   }
 }
 
-/* u = (clamp(q + d, -1, 1) + 1)/2; 0 for what is NaN. */
+/* u = (clamp(q + d, -1, 1) + 1)/2; 0 for NaN. */
 static void positions(struct tile *tile, const struct ern_torso_frame *frame, const struct rows *rows) {
   for (size_t b = 0; b < BLOCKS; b++) {
     const vf q[2] = {rows->q[tile->block[b].band], vf_all_quad(frame->column.q + tile->block[b].column)};
@@ -152,12 +152,11 @@ LANES_INLINE struct cells cells_of(const struct ern_torso_level *level, vf u_row
 /* value + weight (next - value) */
 LANES_INLINE vf between(vf value, vf next, vf weight) { return value + weight * (next - value); }
 
-/* A block's entries in memory, from where scalar loads take them: taken out of the registers they would hold up the
- * shuffles. */
+/* A block's entries stored in memory for scalar loads: extracting them from registers would occupy the shuffle unit. */
 struct entries {
-  _Alignas(64) uint32_t left[LANES], right[LANES]; /* at the cell's row and column, and in the next column */
+  _Alignas(64) uint32_t left[LANES], right[LANES]; /* entry at the cell's row and column, and in the next column */
   vf lower, later;
-  bool wraps; /* one of them is the last of its level, and followed by the first */
+  bool wraps; /* an entry is the last of its level, which the first follows */
 };
 
 LANES_INLINE void find_entries(struct entries *entries, const struct ern_torso_level *level, vf u_row, vf u_column) {
@@ -223,14 +222,14 @@ LANES_INLINE void look_up_window(float *feature, const struct ern_torso_level *l
   }
 }
 
-/* Where a block's window begins, by level: its entry; 8*column + 2*row of its first cell. Bit l of `fits`: all cells of
- * level l lie inside. */
+/* A block's window by level: its first entry; 8*column + 2*row of its first cell. Bit l of `fits`: the window holds all
+ * cells of level l. */
 struct windows {
   _Alignas(64) int32_t entry[ERN_TORSO_LEVELS], origin[ERN_TORSO_LEVELS];
   uint32_t fits;
 };
 
-/* Cells grow with u, so those of a block lie between those of its least and its greatest u. */
+/* Cell indices grow with u, so a block's cells lie between those of its least and its greatest u. */
 static void find_windows(struct windows *windows, const struct ern_torso_levels *levels, vf u_row, vf u_column) {
   const float least[2] = {vf_least(u_row), vf_least(u_column)};
   const float greatest[2] = {vf_greatest(u_row), vf_greatest(u_column)};
@@ -255,7 +254,7 @@ static void find_windows(struct windows *windows, const struct ern_torso_levels 
   }
 }
 
-/* First where everything lies, finest level first: loads then need not wait for that. */
+/* Computes all addresses first, finest level first, so that loads do not wait for them. */
 static __attribute__((noinline)) void encode(struct tile *tile, const struct ern_torso_frame *frame) {
   const size_t levels = (size_t)frame->levels;
   struct windows windows[BLOCKS];
@@ -291,7 +290,7 @@ static __attribute__((noinline)) void encode(struct tile *tile, const struct ern
   }
 }
 
-/* Whole blocks of the picture at once; the last columns and rows pixel by pixel. */
+/* Writes whole blocks of the picture at once; blocks at its right and lower edges pixel by pixel. */
 static void composite(const struct tile *tile, const struct ern_torso_frame *frame, const struct rows *rows) {
   for (size_t b = 0; b < tile->count; b++) {
     const struct block *block = &tile->block[b];

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * A preprocessed clip: all its files checked when it is opened, its pixels read when they are asked for. */
+ * A preprocessed clip: all its files are checked when it is opened, its pixels are read on demand. */
 #include "media/clip/clip.h"
 
 #include <inttypes.h>
@@ -15,11 +15,10 @@
 
 enum { TRANSFORMS_LIMIT = 1 << 26, BACKGROUND_LIMIT = 1 << 28 };
 
-/* A kind of picture: the ones that stay in memory, by split and frame, and the one that was read last and did not fit.
- */
+/* A cache for one kind of picture: those kept in memory, by split and frame, and the last one read that did not fit. */
 struct pictures {
   ern_clip_part part;
-  int channels;      /* as kept; parsing is read in 3 */
+  int channels;      /* in memory; parsing files have 3 */
   uint8_t **kept[2]; /* [split][frame], NULL: not in memory */
   ern_image last;
 };
@@ -31,8 +30,8 @@ struct ern_clip {
   ern_features features;
   ern_features *copies; /* [copy_count] of ern_clip_vary_speech */
   size_t copy_count;
-  char *speech_path;                  /* what the features are read or made of */
-  char *speech_kind, *speech_network; /* of the network that made them; NULL: none did */
+  char *speech_path;                  /* the file of the features, or the sound that a network computes them from */
+  char *speech_kind, *speech_network; /* of the network that computed the features; NULL: none */
   ern_image background;
   ern_clip_frame *frames[2]; /* by ern_split */
   struct pictures truth, torso, head;
@@ -57,7 +56,7 @@ static ern_status check_folder(ern_context *context, const char *folder) {
 
 static const char own_name[] = "aud_cep.npy";
 
-/* The features that a network makes of clip->speech_path. */
+/* Computes the features of clip->speech_path by a network. */
 static ern_status compute_features(ern_clip *clip, ern_speech_network *network) {
   ern_status status = ERN_OK;
   ERN_TRY(ern_string_copy(clip->context, ern_speech_network_kind(network), &clip->speech_kind));
@@ -87,7 +86,7 @@ static ern_status open_features(ern_clip *clip, const ern_clip_options *options)
   if (options->network != NULL) return compute_features(clip, options->network);
   ERN_TRY(ern_speech_open(clip->context, clip->speech_path, NULL, &clip->features));
   clip->info.hears_sound = ern_speech_is_sound(clip->speech_path);
-  /* 13 numbers may be anybody's cepstra: only our own files are known by their name */
+  /* other programs write 13 values a row too: a file counts as our cepstra by its name alone */
   const size_t length = strlen(name), tail = strlen(own_name);
   const bool own =
       length >= tail && strcmp(name + length - tail, own_name) == 0 && clip->features.width == ERN_SPEECH_WIDTH;
@@ -103,7 +102,7 @@ static void forget_copies(ern_clip *clip) {
   clip->copy_count = 0;
 }
 
-/* What tells this clip from another: transforms_train.json, then bc.jpg, as bytes. */
+/* The clip's identity: a SHA-256 of the bytes of transforms_train.json, then bc.jpg. */
 static ern_status identity_of(ern_clip *clip, char identity[65]) {
   ern_status status = ERN_OK;
   ern_context *context = clip->context;
@@ -128,7 +127,7 @@ fail:
   return status;
 }
 
-/* What was parsed since `before` is what the identity is of. */
+/* Checks that the identity is still `before`: that the files have not changed since, while they were parsed. */
 static ern_status verify_identity(ern_clip *clip, const char *before) {
   const ern_status status = identity_of(clip, clip->info.identity);
   if (status != ERN_OK || strcmp(before, clip->info.identity) == 0) return status;
@@ -136,7 +135,7 @@ static ern_status verify_identity(ern_clip *clip, const char *before) {
                   clip->folder);
 }
 
-/* The picture, brought to the clip's size. */
+/* Reads the background picture and scales it to the clip's size. */
 static ern_status open_background(ern_clip *clip) {
   ern_status status = ERN_OK;
   ern_context *context = clip->context;
@@ -168,8 +167,8 @@ fail:
   return status;
 }
 
-/* Everything of a frame but its pixels; of its pictures the headers, so that a bad one is found now and not hours
- * later. */
+/* Reads a frame's data without its pixels. It reads the headers of the pictures, so that a bad file is reported now and
+ * not hours later. */
 static ern_status open_frame(const ern_clip *clip, ern_clip_frame *frame, const float *blink) {
   ern_status status = ERN_OK;
   char *path = NULL;
@@ -207,7 +206,7 @@ fail:
   return status;
 }
 
-/* What is there besides the needed files. */
+/* Finds the clip's optional files. */
 static ern_status find_optional(ern_clip *clip) {
   ern_status status = ERN_OK;
   ERN_TRY(ern_clip_has(clip->context, clip->folder, ern_clip_part_folder(ERN_PART_TORSO), &clip->info.has_torso));
@@ -381,8 +380,8 @@ const ern_clip_frame *ern_clip_frame_at(const ern_clip *clip, ern_split split, s
   return has_frame(clip, split, index) ? &clip->frames[split][index] : NULL;
 }
 
-/* One picture of a frame, from memory or from its file. The first to come stay while they fit the budget: training
- * draws frames evenly, so which ones stay makes no difference. */
+/* Returns one picture of a frame, from the cache or from its file. The first pictures read stay in the cache while they
+ * fit the budget. Training samples frames uniformly, so it does not matter which ones stay. */
 static ern_status get_picture(ern_clip *clip, struct pictures *pictures, ern_split split, size_t index,
                               ern_image *image) {
   ern_status status = ERN_OK;

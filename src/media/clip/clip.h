@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * The parts of a preprocessed clip, found and read one by one; what opening a clip and checking one share. */
+ * The parts of a preprocessed clip, found and read one by one: shared by the code that opens a clip and the code that
+ * checks one. */
 #ifndef ERN_MEDIA_CLIP_H
 #define ERN_MEDIA_CLIP_H
 
@@ -18,8 +19,8 @@ ERN_NODISCARD ern_status ern_clip_has(ern_context *context, const char *folder, 
 ERN_NODISCARD ern_status ern_clip_part_path(ern_context *context, const char *folder, ern_clip_part part,
                                             int64_t img_id, char **path);
 
-/* ERN_E_STATE where FOLDER/prepare.json says that a step of `prepare` is not done or was refused; a clip without that
- * file was made by others. */
+/* ERN_E_STATE where FOLDER/prepare.json says that a step of `prepare` is not done or was refused; ERN_OK where there is
+ * no such file: another program made the clip. */
 ERN_NODISCARD ern_status ern_clip_check_prepared(ern_context *context, const char *folder);
 
 /* ERN_E_SHAPE where the picture's header does not say width x height. */
@@ -33,8 +34,8 @@ ERN_NODISCARD ern_status ern_clip_val_poses(ern_context *context, const char *fo
 /* The largest img_id and aud_id of both lists. */
 void ern_clip_largest_ids(const ern_pose_list lists[2], int64_t *img_id, int64_t *aud_id);
 
-/* *name = the clip's feature file for this model (NULL: the first there is); ERN_E_MISSING names what was looked for.
- */
+/* *name = the clip's feature file for this model (NULL: the first that exists); the text of ERN_E_MISSING names the
+ * files that were looked for. */
 ERN_NODISCARD ern_status ern_clip_features_name(ern_context *context, const char *folder, const char *asr_model,
                                                 const char **name);
 
@@ -45,11 +46,12 @@ ERN_NODISCARD ern_status ern_clip_blink(ern_context *context, const char *folder
 
 /* Values of ern_clip_head(). */
 enum { ERN_HEAD_UNSURE = 128, ERN_HEAD_WHOLE = 255 };
-/* RGB of parsing/ID.png -> those values, one channel; *image keeps its size. ERN_E_FORMAT, which names path: other
- * colours. */
+/* Replaces the RGB picture of parsing/ID.png by one channel of those values; the size stays. ERN_E_FORMAT, with `path`
+ * in the text: another colour. */
 ERN_NODISCARD ern_status ern_clip_head_of_parsing(ern_context *context, const char *path, ern_image *image);
 
-/* What an open clip was opened with, and its sound (ERN_E_MISSING where there is none; ern_sound_free). */
+/* The context that a clip was opened with, and its sound (ERN_E_MISSING where there is none; the caller calls
+ * ern_sound_free). */
 ern_context *ern_clip_context(const ern_clip *clip);
 ERN_NODISCARD ern_status ern_clip_sound(const ern_clip *clip, ern_sound *sound);
 

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * `ernerf check`: what a clip has, what it lacks, what follows from that and which step of the public preprocessing
- * makes what is missing, in sentences. */
+ * `ernerf check`: reports in sentences what a clip has, what it lacks, the consequences, and which step of the public
+ * preprocessing makes the missing files. */
 #include <inttypes.h>
 #include <math.h>
 #include <stdarg.h>
@@ -15,18 +15,18 @@
 
 enum { SENTENCE_BYTES = 2560, REASON_BYTES = 2048, THERE = 1, OPTIONAL = 0, NEEDED = -1 };
 
-static const double frame_rate = 25; /* of video and windows alike, a second */
+static const double frame_rate = 25; /* a second, of the video and of the feature windows */
 
 struct report {
   ern_context *context;
   const char *folder;
   void (*say)(void *user, int ok, const char *sentence);
   void *user;
-  ern_status first; /* of what is needed and missing or wrong */
+  ern_status first; /* the first error of a required file */
   char first_reason[REASON_BYTES];
   ern_pose_list lists[2]; /* by ern_split; empty where they could not be read */
   bool poses, blink, torso, landmarks;
-  bool lacks; /* a sentence told of something that is missing or wrong */
+  bool lacks; /* the report named a missing or invalid file */
   const char *features_name;
   const char *speech; /* kind of the features */
 };
@@ -42,7 +42,7 @@ static void add_line(struct report *report, int ok, const char *format, ...) {
   report->lacks = report->lacks || ok != THERE;
 }
 
-/* Says the last error and what helps. */
+/* Reports the last error and the remedy. */
 static void say_wrong(struct report *report, ern_status status, const char *help) {
   char reason[REASON_BYTES];
   (void)ern_last_error_copy(report->context, reason, sizeof reason);
@@ -93,7 +93,7 @@ static void check_background(struct report *report) {
   }
 }
 
-/* A frame's file of one part: is it there, and right as far as can be told without decoding pixels? */
+/* Checks that a frame's file of one part exists and is valid, without decoding pixels. */
 static ern_status check_file(struct report *report, ern_clip_part part, int64_t img_id) {
   ern_status status = ERN_OK;
   const ern_pose_list *train = &report->lists[ERN_SPLIT_TRAIN];
@@ -110,7 +110,7 @@ fail:
   return status;
 }
 
-/* All frames' files of one part; one sentence for all that is wrong. Returns whether all is well. */
+/* Checks all frames' files of one part; reports all errors in one sentence. Returns whether all are valid. */
 static bool check_files(struct report *report, ern_clip_part part, const char *what, const char *help) {
   ern_status first = ERN_OK;
   char reason[REASON_BYTES] = "";
@@ -135,7 +135,8 @@ static bool check_files(struct report *report, ern_clip_part part, const char *w
   return false;
 }
 
-/* The alpha of the first torso picture: everywhere opaque or transparent says that something is amiss. */
+/* The alpha of the first torso picture: if it is opaque everywhere or transparent everywhere, the file is probably
+ * wrong. */
 static void check_alpha(struct report *report) {
   char *path = NULL;
   ern_image image = {0};
@@ -204,15 +205,15 @@ static void check_frames(struct report *report) {
                 "head is learnt over the clip's background alone.");
 }
 
-/* 13 numbers may be anybody's cepstra: only our own files are known by their name. */
+/* Other programs write 13 values a row too: a file counts as our cepstra by its name alone. */
 static const char *features_kind(const struct report *report, const ern_features *features, bool sound) {
   const char *kind = ern_speech_kind(features);
   if (sound || strcmp(report->features_name, "aud_cep.npy") == 0) return ERN_SPEECH_CEPSTRA;
   return kind[0] != 0 ? kind : "an unknown kind";
 }
 
-/* There is one window for every 1/25 s of sound and one frame for every picture of the video. Where their numbers are
- * far apart, the video is not one of 25 frames a second, or sound and pictures are not of the same length. */
+/* There is one window for every 1/25 s of sound and one frame for every picture of the video. Where these counts differ
+ * much, the video does not have 25 frames a second, or its sound and pictures differ in length. */
 static void check_lengths(struct report *report, size_t windows) {
   int64_t img_id = 0, aud_id = 0;
   ern_clip_largest_ids(report->lists, &img_id, &aud_id);
@@ -289,7 +290,7 @@ static void check_blink(struct report *report) {
              "au.csv: missing. No blinking will be learnt; OpenFace's FeatureExtraction makes it (column AU45_r).");
     return;
   }
-  for (size_t i = 0; i < count; i++) { /* as an eye value, up to 2 counts */
+  for (size_t i = 0; i < count; i++) { /* the eye value clamps it at 2 */
     most = fmaxf(most, blink[i]);
     least = fminf(least, blink[i]);
   }
@@ -307,7 +308,7 @@ static void check_blink(struct report *report) {
   ern_release(report->context, blink);
 }
 
-/* The sound is needed by nobody but the viewer: whatever is wrong with it stops no training. */
+/* Only the viewer needs the sound: an error in it does not prevent training. */
 static void check_sound(struct report *report) {
   char path[REASON_BYTES];
   bool there = false;
@@ -350,7 +351,7 @@ static void check_sound(struct report *report) {
   ern_sound_free(report->context, &sound);
 }
 
-/* The other sentences name the public script, process.py, which did not make such a clip. */
+/* Reports that `prepare` made the clip: the other sentences name the public script process.py, which did not. */
 static void report_prepare(struct report *report) {
   bool there = false;
   const ern_status status = ern_clip_has(report->context, report->folder, "prepare.json", &there);

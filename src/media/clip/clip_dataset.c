@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: MIT
- * A clip as the trainer takes it. */
+ * A clip as the data set of the trainer. */
 #include <string.h>
 
 #include "core/sized.h"
 #include "ernerf/media.h"
 #include "ernerf/speech.h"
 
-/* Of landmarks [begin, end). */
+/* The bounding box of landmarks [begin, end). */
 static ern_box box_of(const float (*landmarks)[2], int begin, int end) {
   float low[2] = {landmarks[begin][0], landmarks[begin][1]}, high[2] = {low[0], low[1]};
   for (int p = begin + 1; p < end; p++)

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * Which pixels of a frame are the head's, by parsing/ID.png. */
+ * The head mask of a frame, from parsing/ID.png. */
 #include <string.h>
 
 #include "core/memory.h"
@@ -14,7 +14,8 @@ static bool is_near(const uint8_t *rgb, const uint8_t colour[3]) {
   return true;
 }
 
-/* A picture in other colours would be taken for one without a head. A scaled one has mixed colours along its edges. */
+/* Refuses a picture in other colours, which would look like one without a head. A scaled picture has mixed colours
+ * along its edges. */
 static ern_status check_colours(ern_context *context, const char *path, const ern_image *parsing) {
   static const uint8_t colours[4][3] = {{0, 0, 255}, {0, 255, 0}, {255, 0, 0}, {255, 255, 255}};
   const size_t pixels = (size_t)parsing->width * (size_t)parsing->height;
@@ -53,8 +54,8 @@ static void sum_rows(const ern_image *parsing, int reach, uint8_t *sums) {
   }
 }
 
-/* At the head's edge the camera mixed it with what lies behind, and a parsing is less sure. Measured with widths of
- * 256 and 512: 1 and 2 pixels (docs/history-occupancy.md). */
+/* The width of the unsure band. At the head's edge the camera mixed head and background, and the parsing is less
+ * reliable. Measured with widths of 256 and 512: 1 and 2 pixels (docs/history-occupancy.md). */
 static int edge_of(int width) {
   const int edge = (width + 128) / 256;
   return edge > 1 ? edge : 1;

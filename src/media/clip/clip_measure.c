@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * What a clip holds, in figures: how far eyes, head, torso, speech and light change from frame to frame. */
+ * Measures a clip's variety: how far eyes, head, torso, speech and light change from frame to frame. */
 #include <math.h>
 #include <string.h>
 
@@ -14,7 +14,7 @@ static const double degree = 3.14159265358979323846 / 180;
 
 /* ---- poses ------------------------------------------------------------------------------------------------------- */
 
-/* The angle between two unit vectors, in degrees; exact for small ones, where arccos is not. */
+/* The angle between two unit vectors, in degrees; accurate for small angles, where arccos is not. */
 static double angle_between(const double a[3], const double b[3]) {
   double far = 0, near = 0;
   for (int i = 0; i < 3; i++) {
@@ -24,7 +24,8 @@ static double angle_between(const double a[3], const double b[3]) {
   return 2 * atan2(sqrt(far), sqrt(near)) / degree;
 }
 
-/* Where the camera stands, seen from the head (the scene's origin): a unit vector, or 0 where it stands in it. */
+/* The direction from the head (the scene's origin) to the camera: a unit vector, or 0 where the camera is at the
+ * origin. */
 static void direction_of(const float pose[16], double direction[3]) {
   double length = 0;
   for (int i = 0; i < 3; i++) length += (double)pose[4 * i + 3] * (double)pose[4 * i + 3];
@@ -32,7 +33,7 @@ static void direction_of(const float pose[16], double direction[3]) {
   for (int i = 0; i < 3; i++) direction[i] = length > 0 ? (double)pose[4 * i + 3] / length : 0;
 }
 
-/* The angle of the rotation that leads from one pose to another: |R - S| (Frobenius) = 2 sqrt(2) sin(angle/2). */
+/* The angle of the rotation between two poses: |R - S| (Frobenius) = 2 sqrt(2) sin(angle/2). */
 static double rotation_between(const float a[16], const float b[16]) {
   double sum = 0;
   for (int i = 0; i < 3; i++)
@@ -43,7 +44,7 @@ static double rotation_between(const float a[16], const float b[16]) {
   return 2 * asin(fmin(1, sqrt(sum / 8))) / degree;
 }
 
-/* The frame whose direction lies furthest from that of frame `from`, and how far. */
+/* Returns the frame whose camera direction is furthest from that of frame `from`; *angle: how far. */
 static size_t furthest(const ern_clip *clip, size_t frames, size_t from, double *angle) {
   double here[3], there[3];
   size_t found = from;
@@ -84,7 +85,7 @@ static void measure_eyes(const ern_clip *clip, ern_clip_measures *m) {
 
 /* ---- speech ------------------------------------------------------------------------------------------------------ */
 
-/* Of all windows of the file. */
+/* Measures all windows of the feature file. */
 static ern_status measure_features(const ern_clip *clip, ern_clip_measures *m) {
   const ern_features *features = ern_clip_features(clip);
   const size_t width = (size_t)features->window_length * (size_t)features->width;
@@ -104,7 +105,7 @@ static ern_status measure_features(const ern_clip *clip, ern_clip_measures *m) {
   return ERN_OK;
 }
 
-/* A sound that cannot be read is nobody's but the viewer's: it is as none. */
+/* Only the viewer needs the sound, so one that cannot be read counts as none. */
 static void measure_sound(const ern_clip *clip, ern_clip_measures *m) {
   static const double least = 0.00316227766 * 32768; /* -50 dB of full scale */
   ern_sound sound = {0};
@@ -124,7 +125,7 @@ static void measure_sound(const ern_clip *clip, ern_clip_measures *m) {
 
 /* ---- pictures ---------------------------------------------------------------------------------------------------- */
 
-/* What is kept of a frame that was looked at. */
+/* Measurements of a sampled frame. */
 struct look {
   double cover;             /* share of the picture under the torso */
   double torso[2], head[2]; /* centres in the picture, pixels */
@@ -146,7 +147,7 @@ static void look_at_torso(const ern_image *layer, struct look *look) {
   if (sum > 0) look->torso[0] = x / sum, look->torso[1] = y / sum;
 }
 
-/* Where the head's origin is seen. */
+/* Projects the head's origin to pixels. */
 static void look_at_pose(const float pose[16], const ern_clip_info *info, struct look *look) {
   double seen[3] = {0};
   for (int i = 0; i < 3; i++)
@@ -159,8 +160,8 @@ static void look_at_pose(const float pose[16], const ern_clip_info *info, struct
   direction_of(pose, look->pose + 1);
 }
 
-/* The box from the outer corners of the eyes across, and from half the nose's bridge to its base down: skin, with
- * neither lids nor lips in it. */
+/* The mean colour of a box of skin without eyelids and lips: in width between the outer corners of the eyes, in height
+ * from the middle of the nose's bridge to its base. */
 static void look_at_cheeks(const ern_clip_frame *frame, const ern_image *truth, struct look *look) {
   enum { EYE_RIGHT = 36, EYE_LEFT = 45, BRIDGE = 29, NOSE = 33 };
   if (!frame->has_landmarks) return;
@@ -189,12 +190,13 @@ static double square_deviation(const struct look *looks, size_t count, size_t ax
   return sum / (double)count;
 }
 
-/* RMS way about the mean place. */
+/* RMS distance from the mean position. */
 static double way(const struct look *looks, size_t count, bool torso, bool head) {
   return sqrt(square_deviation(looks, count, 0, torso, head) + square_deviation(looks, count, 1, torso, head));
 }
 
-/* Solves a x = b for a symmetric positive matrix, a and b destroyed: elimination, with what the ridge keeps regular. */
+/* Solves a x = b for a symmetric positive matrix, overwriting a and b, by elimination without pivoting: the ridge term
+ * keeps a regular. */
 static void solve(double a[POSE_TERMS][POSE_TERMS], double b[POSE_TERMS]) {
   for (int k = 0; k < POSE_TERMS; k++) a[k][k] += 1e-9;
   for (int k = 0; k < POSE_TERMS; k++)
@@ -209,8 +211,8 @@ static void solve(double a[POSE_TERMS][POSE_TERMS], double b[POSE_TERMS]) {
   }
 }
 
-/* RMS over frames and channels of what is left of the cheeks' colour after a linear fit on the camera's direction:
- * a head that turns in a fixed light is explained by its pose. */
+/* RMS residual, over frames and channels, of a linear fit of the cheeks' colour to the camera's direction. The fit
+ * removes the changes of a head that turns in fixed light. */
 static double light_of(const struct look *looks, size_t count) {
   double sum = 0;
   size_t used = 0;

@@ -65,7 +65,7 @@ ern_status ern_clip_check_prepared(ern_context *context, const char *folder) {
   ERN_TRY(ern_file_read(context, path, RECORD_LIMIT, &text, &length));
   ern_error_keep(context, kept);
   status = ern_json_parse(context, path, "", (const char *)text, length, JSON_LIMIT, &record);
-  if (status == ERN_E_FORMAT) ern_error_restore(context, kept); /* no JSON object: somebody else's file */
+  if (status == ERN_E_FORMAT) ern_error_restore(context, kept); /* no JSON object: another program's file */
   if (status != ERN_E_FORMAT) ERN_TRY(status);
   status = ERN_OK;
   const json_t *done = json_object_get(record, "steps");
@@ -149,7 +149,7 @@ void ern_clip_largest_ids(const ern_pose_list lists[2], int64_t *img_id, int64_t
 
 ern_status ern_clip_features_name(ern_context *context, const char *folder, const char *asr_model, const char **name) {
   static const struct {
-    const char *model, *name; /* the public code goes by a part of the model's name */
+    const char *model, *name; /* the public code recognises a model by a part of its name */
   } kinds[] = {{"deepspeech", "aud_ds.npy"}, {"esperanto", "aud_eo.npy"}, {"hubert", "aud_hu.npy"}, {NULL, "aud.npy"},
                {"cepstra", "aud_cep.npy"},   {"cepstra", "aud.wav"}};
   ern_status status = ERN_OK;

@@ -16,13 +16,13 @@ enum { BUFFER_BYTES = 4096, LOOK_MS = 100 };
 
 static bool asks_to_stop(const struct ern_descriptor_io *io) { return io->stop != NULL && io->stop(io->user) != 0; }
 
-/* 0, or an error of FFmpeg's. */
+/* Waits until the descriptor is ready. Returns 0, or an FFmpeg error. */
 static int await(const struct ern_descriptor_io *io, short events) {
   for (;;) {
     struct pollfd look = {.fd = io->descriptor, .events = events};
     if (asks_to_stop(io)) return AVERROR_EXIT;
     const int ready = poll(&look, 1, LOOK_MS);
-    if (ready > 0) return 0; /* also where the other side is gone: the call says so */
+    if (ready > 0) return 0; /* also where the other end has closed: the next read or write then reports it */
     if (ready < 0 && errno != EINTR) return AVERROR(errno);
   }
 }
@@ -38,7 +38,7 @@ static int read_some(void *user, uint8_t *bytes, int count) {
   }
 }
 
-/* A pipe that is ready takes PIPE_BUF bytes without a wait. */
+/* A pipe that is ready takes PIPE_BUF bytes without blocking. */
 static int write_all(void *user, uint8_t *bytes, int count) {
   for (int done = 0; done < count;) {
     const int error = await(user, POLLOUT);
@@ -56,7 +56,7 @@ bool ern_is_pipe(const char *path) {
   return strcmp(path, "-") == 0 || (stat(path, &there) == 0 && !S_ISREG(there.st_mode) && !S_ISDIR(there.st_mode));
 }
 
-/* A FIFO cannot be opened for writing without waiting before somebody reads: it is tried until then. */
+/* A non-blocking open of a FIFO for writing fails until a reader has opened it, so this retries. */
 static ern_status open_descriptor(ern_context *context, const char *path, bool writes, struct ern_descriptor_io *io) {
   while (!asks_to_stop(io)) {
     io->descriptor = open(path, (writes ? O_WRONLY : O_RDONLY) | O_NONBLOCK | O_CLOEXEC);

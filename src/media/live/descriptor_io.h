@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * FFmpeg's input and output over a descriptor of a pipe, whose waits a caller can end: FFmpeg's own cannot be. */
+ * FFmpeg input and output (AVIOContext) over a pipe's file descriptor. A caller can interrupt its waits, which FFmpeg's
+ * own pipe protocol does not allow. */
 #ifndef ERN_MEDIA_DESCRIPTOR_IO_H
 #define ERN_MEDIA_DESCRIPTOR_IO_H
 
@@ -11,17 +12,18 @@
 struct ern_descriptor_io {
   AVIOContext *io;
   int descriptor;
-  bool owned; /* the descriptor is closed with it */
+  bool owned; /* ern_descriptor_io_close closes the descriptor */
   int (*stop)(void *user);
   void *user;
 };
 
-/* path: "-", standard input or output; else opened, a FIFO once its other side is there. The struct must not move. */
+/* path: "-" is standard input or output; any other path is opened, a FIFO once its other end is open. The struct must
+ * not move. */
 ERN_NODISCARD ern_status ern_descriptor_io_open(ern_context *context, const char *path, bool writes,
                                                 struct ern_descriptor_io *made);
 void ern_descriptor_io_close(struct ern_descriptor_io *io); /* accepts a zeroed one */
 
-/* Whether it is a FIFO, a socket or a device, and no file that could be put at a place. */
+/* Whether the path is a FIFO, a socket or a device, so that no file can be renamed to it. */
 bool ern_is_pipe(const char *path);
 
 #endif

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * A session of live speech: its clock is the count of samples that were pushed, silence by ern_live_insert_silence
- * among them. Windows that are pushed count as samples at 25 a second. */
+ * A session of live speech. Its clock is the number of pushed samples, including silence of ern_live_insert_silence.
+ * Pushed windows count as samples at 25 a second. */
 #include "ernerf/live.h"
 
 #include <errno.h>
@@ -19,35 +19,35 @@ enum {
   CODE = 32,
   MOST_CAPACITY = 1000,
   MOST_RATE_PART = 1000000,
-  SILENCE_TICKS = 2048, /* a power of two above MOST_CAPACITY and all that is looked at before and after */
-  PAUSE_BEFORE = 16,    /* ticks before a frame and after it in which its pause is looked for */
+  SILENCE_TICKS = 2048, /* a power of two above MOST_CAPACITY plus the ticks read before and after */
+  PAUSE_BEFORE = 16,    /* ticks before and after a frame that are searched for a pause */
   PAUSE_AFTER = 3,
   PAUSE_TICKS = PAUSE_BEFORE + 1 + PAUSE_AFTER,
   WINDOWS_AFTER = 3,
-  PART = 256 /* samples that are taken at a time */
+  PART = 256 /* samples processed at a time */
 };
-static const float RISE = 0.2f, FALL = 1.0f / 3; /* of the silence's weight, a tick */
+static const float RISE = 0.2f, FALL = 1.0f / 3; /* rates of the silence's weight, a tick */
 
 static const float zeros[PART * 8] = {0}; /* samples of 8 channels */
 
 struct ern_live {
   ern_context *context;
   ern_live_options options;
-  int rate; /* of samples, or of windows */
+  int rate; /* of samples, or of windows, a second */
   pthread_mutex_t mutex;
   pthread_cond_t moved;
   struct ern_live_speech speech;
   float *sound; /* [capacity][channels]: from the beginning of the next frame on */
   size_t capacity;
-  uint64_t first, samples;      /* number of sound[0], and of all that were pushed */
-  bool inserted[SILENCE_TICKS]; /* of tick t at t % SILENCE_TICKS: made by ern_live_insert_silence */
+  uint64_t first, samples;      /* number of sound[0]; number of pushed samples */
+  bool inserted[SILENCE_TICKS]; /* [t % SILENCE_TICKS]: ern_live_insert_silence made tick t */
   uint64_t next;                /* number of the next frame */
   uint64_t weighed;             /* tick of the last weight */
   uint64_t cancels, dropped;
   float weight, code[CODE];
   bool has_weight, ended;
-  float *windows, *second, *pause; /* [8][...] given; [8][...] to interpolate with; [PAUSE_TICKS][...] */
-  float *frame_sound;              /* the sound of the frame that was given */
+  float *windows, *second, *pause; /* [8][...] of a frame; [8][...] to interpolate with; [PAUSE_TICKS][...] */
+  float *frame_sound;              /* the sound of the current frame */
   ern_live_frame frame;
 };
 
@@ -75,7 +75,7 @@ static ern_status check_options(ern_context *context, const ern_live_options *o)
     return ern_fail(context, ERN_E_ARGUMENT, "live: %d/%d frames a second, expected 1 to 100", o->rate_numerator,
                     o->rate_denominator);
   const int64_t ticks = (int64_t)ERN_LIVE_TICKS_A_SECOND * o->rate_denominator; /* of rate_numerator frames */
-  const bool between = ticks % o->rate_numerator != 0;                          /* a frame may begin within a tick */
+  const bool between = ticks % o->rate_numerator != 0;                          /* a frame may begin inside a tick */
   const int64_t frame = (ticks + o->rate_numerator - 1) / o->rate_numerator + between;
   if (o->capacity < frame)
     return ern_fail(context, ERN_E_ARGUMENT, "live: capacity is %d, expected %d to %d, which one frame of %d/%d needs",
@@ -125,7 +125,7 @@ ern_status ern_live_open(ern_context *context, const ern_live_options *options, 
   const bool windows = chosen.width > 0;
   if (windows) chosen.channels = 0;
   if (windows && chosen.look_ahead > WINDOWS_AFTER) chosen.look_ahead = WINDOWS_AFTER;
-  for (int a = chosen.rate_numerator, b = chosen.rate_denominator; a != 0;) { /* lowest terms: the clock counts long */
+  for (int a = chosen.rate_numerator, b = chosen.rate_denominator; a != 0;) { /* lowest terms, against overflow */
     const int divisor = a;
     a = b % a;
     b = divisor;
@@ -185,7 +185,8 @@ static uint64_t tick_of_frame(const ern_live *l, uint64_t number, double *toward
 }
 static uint64_t whole_ticks(const ern_live *l) { return l->samples * ERN_LIVE_TICKS_A_SECOND / (uint64_t)l->rate; }
 
-/* Whether a frame is there with so many ticks of look-ahead; is_ready: the next one. */
+/* Whether enough sound is there for frame `number` with `look_ahead` ticks of look-ahead; is_ready: for the next frame.
+ */
 static bool is_frame_ready(const ern_live *l, uint64_t number, int look_ahead) {
   double toward;
   const uint64_t tick = tick_of_frame(l, number, &toward);
@@ -195,7 +196,7 @@ static bool is_frame_ready(const ern_live *l, uint64_t number, int look_ahead) {
 }
 static bool is_ready(const ern_live *l, int look_ahead) { return is_frame_ready(l, l->next, look_ahead); }
 
-/* Rows that tick `tick` may hear, counted from the first. */
+/* The number of rows, counted from the first, that the windows of tick `tick` may use. */
 static uint64_t rows_available(const ern_live *l, uint64_t tick) {
   uint64_t ahead = (uint64_t)l->options.look_ahead;
   const uint64_t whole = whole_ticks(l);
@@ -203,7 +204,7 @@ static uint64_t rows_available(const ern_live *l, uint64_t tick) {
   return l->options.channels > 0 ? (tick + ahead) * l->speech.rows_a_tick : tick + ahead + 1;
 }
 
-/* The sound before the next frame goes. */
+/* Discards the sound before the next frame. */
 static void forget(ern_live *l) {
   const uint64_t begin = sample_of_frame(l, l->next), end = begin < l->samples ? begin : l->samples;
   const size_t channels = (size_t)l->options.channels, left = (size_t)(l->samples - end);
@@ -215,7 +216,7 @@ static void forget(ern_live *l) {
 
 /* ---- sound in ---------------------------------------------------------------------------------------------------- */
 
-/* Room for samples; a policy may make it. 0: there is none. */
+/* Returns the free space in samples, 0: none; ERN_LIVE_DROP drops frames to make space. */
 static size_t find_space(ern_live *l) {
   while (l->options.policy == ERN_LIVE_DROP && l->samples - l->first >= l->capacity) {
     l->next++;
@@ -225,7 +226,7 @@ static size_t find_space(ern_live *l) {
   return l->capacity - (size_t)(l->samples - l->first);
 }
 
-/* Samples for which there is room; silence: by ern_live_insert_silence. */
+/* Appends samples, for which there must be space; silence: they are from ern_live_insert_silence. */
 static ern_status take(ern_live *l, const float *data, size_t count, bool silence) {
   const size_t values = l->options.channels > 0 ? (size_t)l->options.channels : l->speech.values;
   const uint64_t from = l->samples * ERN_LIVE_TICKS_A_SECOND / (uint64_t)l->rate;
@@ -307,7 +308,7 @@ ern_status ern_live_push_windows(ern_live *live, const float *windows, size_t co
   return push(live, windows, live->speech.values, count);
 }
 
-/* With the lock. */
+/* The caller holds the lock. */
 static ern_status insert_frame(ern_live *l) {
   const uint64_t until = sample_of_tick(l, whole_ticks(l) + 1);
   ern_status status = ERN_OK;
@@ -353,7 +354,7 @@ ern_status ern_live_flush(ern_live *live) {
   return status;
 }
 
-/* Sound after the tick that is kept goes; that tick fades out. */
+/* Discards the sound after the last tick that is kept; fades that tick out. */
 static ern_status cancel(ern_live *l) {
   ern_status status = ERN_OK;
   double toward;
@@ -365,7 +366,7 @@ static ern_status cancel(ern_live *l) {
   const uint64_t all = whole_ticks(l) + (l->samples > sample_of_tick(l, whole_ticks(l)));
   if (kept >= all) return ERN_OK;
   for (size_t left = (size_t)(sample_of_tick(l, all) - l->samples), part; left > 0; left -= part) {
-    part = left < PART ? left : PART; /* rows lie on the ticks */
+    part = left < PART ? left : PART; /* rows are aligned to ticks */
     ERN_TRY(ern_live_speech_push(&l->speech, zeros, part));
   }
   ern_live_speech_cut(&l->speech, kept, all);
@@ -400,7 +401,7 @@ ern_status ern_live_end(ern_live *live) {
 
 /* ---- frames out -------------------------------------------------------------------------------------------------- */
 
-/* The 8 windows of tick `tick`. */
+/* Writes the 8 windows of tick `tick`. */
 static void make_windows(const ern_live *l, uint64_t tick, float *windows) {
   const struct ern_live_speech *s = &l->speech;
   const size_t window = (size_t)s->window_length * (size_t)s->width;
@@ -409,7 +410,7 @@ static void make_windows(const ern_live *l, uint64_t tick, float *windows) {
     ern_live_speech_window(s, (int64_t)tick + k - ERN_LIVE_WINDOWS_BEFORE, end, windows + (size_t)k * window);
 }
 
-/* Whether the features around a tick are those of a pause. */
+/* *pause: whether the features around a tick are silence. */
 static ern_status find_pause(ern_live *l, uint64_t tick, bool *pause) {
   const struct ern_live_speech *s = &l->speech;
   const size_t window = (size_t)s->window_length * (size_t)s->width;
@@ -427,7 +428,7 @@ static ern_status find_pause(ern_live *l, uint64_t tick, bool *pause) {
   return ERN_OK;
 }
 
-/* Moves the weight of silence toward what tick `tick` asks for. */
+/* Moves the weight of silence by a step toward the target of tick `tick`. */
 static ern_status weigh(ern_live *l, uint64_t tick) {
   bool quiet = true;
   ern_status status = ERN_OK;
@@ -486,7 +487,7 @@ fail:
   return status;
 }
 
-/* What ern_live_options.insert_silence says. *ahead: the look-ahead that the next frame is given with. */
+/* Implements ern_live_options.insert_silence. *ahead: the look-ahead of the next frame. */
 static ern_status fill_missing(ern_live *l, int *ahead) {
   ern_status status = ERN_OK;
   while (status == ERN_OK && !is_ready(l, *ahead)) {
@@ -552,7 +553,7 @@ ern_status ern_live_draw_sized(const ern_live_frame *frame, ern_renderer *render
                                 .window_length = frame->window_length,
                                 .width = frame->width};
   if (input == NULL ||
-      ERN_TAKE(NULL, ern_frame_input, &own, input, input_bytes) != ERN_OK) /* refused there, in words */
+      ERN_TAKE(NULL, ern_frame_input, &own, input, input_bytes) != ERN_OK) /* ERN_TAKE reports the error */
     return ern_renderer_frame_sized(renderer, input, input_bytes, output, output_bytes, times, times_bytes);
   const ern_status status = ern_renderer_accepts(renderer, &windows, "live");
   if (status != ERN_OK) return status;

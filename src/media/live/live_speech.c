@@ -6,8 +6,8 @@
 #include "core/memory.h"
 #include "core/status.h"
 
-/* KEPT_BEFORE: ticks before the next frame that its windows, and the look for pauses, may need. SPARE: ticks that
- * interpolation and a look-ahead need past the last that waits. */
+/* KEPT_BEFORE: ticks before the next frame that its windows and the search for pauses may need. SPARE: ticks that
+ * interpolation and look-ahead need after the last queued tick. */
 enum { WINDOW = 16, WINDOW_BEFORE = 8, KEPT_BEFORE = 32, SPARE = 32, PULLED = 16 };
 
 ern_status ern_live_speech_open(ern_context *context, int rate, int channels, int window_length, int width,
@@ -82,7 +82,7 @@ fail:
 
 void ern_live_speech_cut(struct ern_live_speech *s, uint64_t kept, uint64_t all) {
   const uint64_t from = kept * s->rows_a_tick, made = s->first + s->count;
-  const uint64_t gone = made > from ? made - from : 0; /* of those that were made */
+  const uint64_t gone = made > from ? made - from : 0; /* discarded rows that exist already */
   s->count -= (size_t)(gone < s->count ? gone : s->count);
   s->skip += (all - kept) * s->rows_a_tick - gone;
   s->skip_at = from;
@@ -98,7 +98,7 @@ void ern_live_speech_forget(struct ern_live_speech *s, uint64_t tick) {
   s->first += old;
 }
 
-/* The nearest to row `r` of the rows that are there, and before `end`. */
+/* The row nearest to `r` among the stored rows before `end`. */
 static const float *row_at(const struct ern_live_speech *s, int64_t r, uint64_t end) {
   const uint64_t made = s->first + s->count;
   const int64_t last = (int64_t)(end < made ? end : made) - 1, first = (int64_t)s->first;

@@ -7,9 +7,9 @@
 
 #include "core/memory.h"
 
-static const char *const default_preset = "veryfast"; /* thin/defaults.c says what its crf is worth */
+static const char *const default_preset = "veryfast"; /* thin/defaults.c compares its crf with that of x264's default */
 
-/* The one of that name, else any of the codec that takes its pixels. */
+/* The encoder of that name, else any encoder of the codec that supports its pixel format. */
 static const AVCodec *find_encoder(const struct ern_video_codec *wanted) {
   const AVCodec *codec = avcodec_find_encoder_by_name(wanted->encoder);
   if (codec == NULL) codec = avcodec_find_encoder(wanted->id);
@@ -20,7 +20,7 @@ static const AVCodec *find_encoder(const struct ern_video_codec *wanted) {
   return NULL;
 }
 
-/* An encoder that lacks an option that is not needed goes without. */
+/* Sets an optional option; an encoder without it is no error. */
 static int set_if_there(AVCodecContext *codec, const char *name, const char *value) {
   const int error = av_opt_set(codec, name, value, AV_OPT_SEARCH_CHILDREN);
   return error == AVERROR_OPTION_NOT_FOUND ? 0 : error;
@@ -34,7 +34,7 @@ static int set_options(AVCodecContext *codec, const struct ern_picture_settings 
     error = av_opt_set_double(codec, "crf", settings->crf, AV_OPT_SEARCH_CHILDREN);
     if (error == AVERROR_OPTION_NOT_FOUND) error = av_opt_set_int(codec, "qp", settings->crf, AV_OPT_SEARCH_CHILDREN);
     if (error < 0) return AVERROR_OPTION_NOT_FOUND;
-    codec->bit_rate = 0; /* the quality alone decides */
+    codec->bit_rate = 0; /* constant quality */
   }
   for (size_t i = 0; i < 3 && wanted->settings[i][0] != NULL && error >= 0; i++)
     error = set_if_there(codec, wanted->settings[i][0], wanted->settings[i][1]);
@@ -47,8 +47,8 @@ static int set_options(AVCodecContext *codec, const struct ern_picture_settings 
     codec->max_b_frames = 0;
     return error;
   }
-  /* The same pictures to the same bytes: libx264 164's macroblock tree reads memory that it has not written, and a
-   * stream depends on the number of threads. */
+  /* For reproducible files: the macroblock tree of libx264 164 reads uninitialised memory, and the result depends on
+   * the number of threads. */
   return set_if_there(codec, "mbtree", "0");
 }
 
@@ -89,7 +89,7 @@ static ern_status open_encoder(struct ern_muxer *muxer, struct ern_picture_track
   }
   set_picture(made, track, raw ? AV_PIX_FMT_YUV420P : settings->codec->format, rate);
   if (!raw && settings->codec->id == AV_CODEC_ID_HEVC)
-    made->codec_tag = MKTAG('h', 'v', 'c', '1'); /* as Apple's players want it */
+    made->codec_tag = MKTAG('h', 'v', 'c', '1'); /* which Apple's players need */
   if (muxer->container->oformat->flags & AVFMT_GLOBALHEADER) made->flags |= AV_CODEC_FLAG_GLOBAL_HEADER;
   int error = raw ? 0 : set_options(made, settings);
   if (error == AVERROR_OPTION_NOT_FOUND) {
@@ -106,8 +106,8 @@ static ern_status open_encoder(struct ern_muxer *muxer, struct ern_picture_track
   return ERN_OK;
 }
 
-/* RGB, full range, to BT.709 Y'CbCr, limited range; chroma where H.264 has it by default: on the left of its pair,
- * between its rows. Or to another form of RGB. */
+/* RGB, full range, to BT.709 Y'CbCr, limited range; chroma sited as H.264's default ("left"). Or to another RGB format.
+ */
 static ern_status open_conversion(struct ern_muxer *muxer, struct ern_picture_track *track) {
   const AVCodecContext *codec = track->codec;
   const int *matrix = sws_getCoefficients(SWS_CS_ITU709);
@@ -166,7 +166,7 @@ fail:
   return status;
 }
 
-/* The frame with its last column and row repeated where the sides are odd. */
+/* Pads a picture with odd sides to even ones by repeating its last column and row. */
 static void pad(struct ern_picture_track *track, const uint8_t *rgba) {
   const size_t from = (size_t)track->width * 4, to = (size_t)track->codec->width * 4;
   const size_t height = (size_t)track->height;
@@ -183,7 +183,7 @@ ern_status ern_picture_track_add(struct ern_muxer *muxer, struct ern_picture_tra
   ern_context *context = muxer->context;
   AVFrame *frame = track->frame;
   ern_status status = ERN_OK;
-  int error = av_frame_make_writable(frame); /* the codec may still hold the last one */
+  int error = av_frame_make_writable(frame); /* the codec may still hold a reference to the last picture */
   if (error < 0) ERN_TRY(ern_av_fail(context, ERN_E_NO_MEMORY, muxer->path, "make a frame", error));
   if (rgba == NULL && track->count == 0)
     error = av_image_fill_black(frame->data,

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * The pictures of a video being written: RGBA to what a codec takes, encoded, or raw. */
+ * The video stream of a file or live stream that is being written: converts RGBA to the codec's pixel format, and
+ * encodes it or writes it raw. */
 #ifndef ERN_MEDIA_PICTURE_TRACK_H
 #define ERN_MEDIA_PICTURE_TRACK_H
 
@@ -10,9 +11,9 @@
 
 enum ern_picture_coding {
   ERN_PICTURES_FILE,   /* for a file */
-  ERN_PICTURES_LIVE,   /* H.264 without pictures of the future, a key picture a second */
-  ERN_PICTURES_RAW,    /* yuv420p as it is */
-  ERN_PICTURES_WRAPPED /* the same, as FFmpeg's y4m wants it */
+  ERN_PICTURES_LIVE,   /* H.264 without B-frames, a key frame a second */
+  ERN_PICTURES_RAW,    /* raw yuv420p */
+  ERN_PICTURES_WRAPPED /* raw yuv420p, wrapped as FFmpeg's y4m muxer wants it */
 };
 
 struct ern_picture_settings {
@@ -27,7 +28,7 @@ struct ern_picture_track {
   AVCodecContext *codec; /* its sides are even */
   AVStream *stream;
   struct SwsContext *convert;
-  AVFrame *frame;  /* as the codec takes it: yuv420p, or a form of RGB */
+  AVFrame *frame;  /* in the codec's pixel format: yuv420p, or one of RGB */
   uint8_t *padded; /* [codec->height][codec->width][4]; NULL where the sides are even */
   int64_t count;   /* pictures so far */
 };
@@ -36,7 +37,7 @@ struct ern_picture_track {
 ERN_NODISCARD ern_status ern_picture_track_open(struct ern_muxer *muxer, int width, int height, AVRational rate,
                                                 const struct ern_picture_settings *settings,
                                                 struct ern_picture_track *track);
-/* rgba: [height][width][4], or NULL: the last picture again (black where there is none). */
+/* rgba: [height][width][4], or NULL: repeats the last picture (black where there is none). */
 ERN_NODISCARD ern_status ern_picture_track_add(struct ern_muxer *muxer, struct ern_picture_track *track,
                                                const uint8_t *rgba);
 void ern_picture_track_close(ern_context *context, struct ern_picture_track *track); /* accepts a zeroed one */

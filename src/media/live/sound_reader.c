@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * Sound as it comes: from a pipe, an address, a device or a file, at the rate that is asked for. */
+ * Reads live sound from a pipe, a URL, a device or a file, resampled to the wanted rate. */
 #include <dlfcn.h>
 #include <libavutil/channel_layout.h>
 #include <libswresample/swresample.h>
@@ -20,7 +20,7 @@ struct ern_sound_reader {
   ern_sound_reader_options options;
   struct ern_decoder decoder;
   struct ern_descriptor_io pipe;
-  SwrContext *convert; /* from the form of the frame decoded last */
+  SwrContext *convert; /* from the format of the last decoded frame */
   int rate, channels;  /* that */
   enum AVSampleFormat format;
   bool ended;
@@ -43,11 +43,11 @@ static ern_status check_options(ern_context *context, const ern_sound_reader_opt
   return ERN_OK;
 }
 
-/* FFmpeg's input devices, which register themselves for the process; the library stays loaded. */
+/* Loads FFmpeg's input devices, which register themselves in the process; the library stays loaded. */
 static ern_status find_device(ern_context *context, const char *url, const AVInputFormat **format) {
   char library[64], name[32];
   const size_t length = strcspn(url, ":");
-  snprintf(library, sizeof library, "libavdevice.so.%d", LIBAVFORMAT_VERSION_MAJOR); /* they count alike */
+  snprintf(library, sizeof library, "libavdevice.so.%d", LIBAVFORMAT_VERSION_MAJOR); /* same major version */
   snprintf(name, sizeof name, "%.*s", (int)(length < sizeof name ? length : sizeof name - 1), url);
   void *handle = dlopen(library, RTLD_NOW | RTLD_NODELETE);
   void (*announce)(void) = NULL;
@@ -61,12 +61,12 @@ static ern_status find_device(ern_context *context, const char *url, const AVInp
   return ERN_OK;
 }
 
-/* What samples without a header do not say, and pieces no longer than they must be. */
+/* Options that describe raw samples, which have no header, and that keep packets short. */
 static int describe(const ern_sound_reader_options *o, bool device, AVDictionary **options) {
   int error = device ? 0 : av_dict_set_int(options, "sample_rate", o->format_rate, 0);
   if (error >= 0 && !device) error = av_dict_set_int(options, "channels", o->format_channels, 0);
-  if (error >= 0) error = av_dict_set_int(options, "max_size", 1024, 0); /* bytes of a packet of wav */
-  if (error >= 0) error = av_dict_set_int(options, "indexmem", 4096, 0); /* bytes; packets are not gone back to */
+  if (error >= 0) error = av_dict_set_int(options, "max_size", 1024, 0); /* bytes of a WAV packet */
+  if (error >= 0) error = av_dict_set_int(options, "indexmem", 4096, 0); /* bytes; only seeking needs it */
   return error;
 }
 
@@ -87,7 +87,7 @@ static ern_status open_input(ern_sound_reader *r, const char *url) {
     if (input.format == NULL)
       return ern_fail(context, ERN_E_UNSUPPORTED, "%s: FFmpeg has no format \"%s\"", url, r->options.format);
   } else if (strncmp(url, "rtsp://", 7) == 0) {
-    input.format = av_find_input_format("rtsp"); /* is not found out: it names further addresses (allow_formats) */
+    input.format = av_find_input_format("rtsp"); /* not probed: it refers to further URLs (allow_formats) */
   }
   if (pipe) {
     r->pipe.stop = r->options.stop;
@@ -116,7 +116,7 @@ static bool asks_to_stop(const ern_sound_reader *r) {
   return r->options.stop != NULL && r->options.stop(r->options.user) != 0;
 }
 
-/* An error that the caller's own word to stop has caused is said to be so. */
+/* Replaces an error that the caller's request to stop caused by ERN_E_CANCELLED. */
 static ern_status or_stopped(const ern_sound_reader *r, const char *url, ern_status status) {
   if (status == ERN_OK || status == ERN_E_CANCELLED || !asks_to_stop(r)) return status;
   return ern_fail(r->context, ERN_E_CANCELLED, "%s: stopped", url);
@@ -157,7 +157,7 @@ void ern_sound_reader_free(ern_sound_reader **reader) {
 
 /* ---- reading ----------------------------------------------------------------------------------------------------- */
 
-/* From the form of the frame at hand. One channel is the mean of all. */
+/* Makes the converter from the present frame's format. Mono is the mean of all channels. */
 static ern_status make_converter(ern_sound_reader *r) {
   const AVFrame *frame = r->decoder.frame;
   AVChannelLayout from = {0}, to = {0};
@@ -196,7 +196,7 @@ static ern_status convert(ern_sound_reader *r, const uint8_t *const *from, int c
   return ERN_OK;
 }
 
-/* What the converter has ready, then the next frames of the decoder. */
+/* Reads the converter's buffered samples, then the decoder's next frames. */
 static ern_status read_some(ern_sound_reader *r, float *samples, size_t capacity, size_t *frames) {
   static const uint8_t nothing[1] = {0};
   const uint8_t *const none[MOST_CHANNELS] = {nothing, nothing, nothing, nothing, nothing, nothing, nothing, nothing};

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * Streams of pictures and sound to files, pipes and addresses. */
+ * Writes streams of pictures and sound to files, pipes and URLs. */
 #include <stdio.h>
 #include <string.h>
 
@@ -15,10 +15,10 @@
 
 enum {
   MAX_RATE_PART = 1000000,
-  FRAGMENT = 80000 /* microseconds of an mp4's piece */
+  FRAGMENT = 80000 /* microseconds of an mp4 fragment */
 };
 
-/* muxer NULL: no container. endings: of names and beginnings of addresses that mean it. */
+/* muxer NULL: no container. endings: file extensions and URL schemes that select the format. */
 static const struct form {
   const char *name, *muxer, *endings[4];
   enum ern_picture_coding coding;
@@ -39,18 +39,18 @@ struct ern_stream_writer {
   ern_stream_options options;
   const struct form *form;
   enum target target;
-  bool listens; /* http */
+  bool listens; /* HTTP */
   char *url;
   struct ern_file_writer file;
   struct ern_descriptor_io pipe;
-  AVIOContext *io; /* FFmpeg's own, of a file or an address */
+  AVIOContext *io; /* opened by FFmpeg, for a file or a URL */
   struct ern_muxer muxer;
   struct ern_picture_track pictures;
   struct ern_sound_track sound;
-  uint8_t *last; /* of "raw": the last picture */
+  uint8_t *last; /* for "raw": the last picture */
   struct ern_provenance_texts provenance;
   ern_status broken;
-  bool begun; /* the head is written */
+  bool begun; /* the header is written */
 };
 
 /* ---- what is asked for ------------------------------------------------------------------------------------------- */
@@ -83,7 +83,7 @@ static bool means(const struct form *form, const char *url, bool scheme) {
   return false;
 }
 
-/* By the format's name; else by the scheme of an address, whatever it ends with; else by the ending. */
+/* Chooses the format by its name; else by the scheme of a URL, whatever its extension; else by the extension. */
 static ern_status choose_form(ern_stream_writer *w) {
   const char *name = w->options.format;
   for (size_t i = 0; i < FORMS && w->form == NULL; i++)
@@ -107,7 +107,7 @@ static bool asks_to_stop(const ern_stream_writer *w) {
   return w->options.stop != NULL && w->options.stop(w->options.user) != 0;
 }
 
-/* An error that the caller's own word to stop has caused is said to be so. */
+/* Replaces an error that the caller's request to stop caused by ERN_E_CANCELLED. */
 static ern_status or_stopped(const ern_stream_writer *w, ern_status status) {
   if (status == ERN_OK || status == ERN_E_CANCELLED || !asks_to_stop(w)) return status;
   return ern_fail(w->context, ERN_E_CANCELLED, "%s: stopped", w->url);
@@ -137,7 +137,7 @@ static ern_status open_file(ern_stream_writer *w) {
   char *name = NULL;
   ERN_TRY(ern_file_writer_open(w->context, w->url, ERN_EXISTING_BY_CONTEXT, &w->file));
   ERN_TRY(ern_av_url(w->context, w->file.temporary, &name));
-  if (w->muxer.container != NULL) w->muxer.container->url = av_strdup(name); /* faststart reads it again */
+  if (w->muxer.container != NULL) w->muxer.container->url = av_strdup(name); /* faststart reopens it */
   const int error = avio_open(&w->io, name, AVIO_FLAG_WRITE);
   if (error < 0) ERN_TRY(ern_av_fail(w->context, ERN_E_IO, w->url, "write", error));
 fail:
@@ -169,8 +169,8 @@ static ern_status open_target(ern_stream_writer *w) {
 
 static AVIOContext *io_of(const ern_stream_writer *w) { return w->target == TARGET_PIPE ? w->pipe.io : w->io; }
 
-/* The head of the container. A stream is written picture by picture; an mp4 that cannot be gone back in is in pieces.
- */
+/* Writes the container's header. A live stream is flushed after each picture; an mp4 on an output without seeking is
+ * fragmented. */
 static ern_status write_head(ern_stream_writer *w) {
   AVFormatContext *container = w->muxer.container;
   AVDictionary *options = NULL;
@@ -265,7 +265,7 @@ ern_status ern_stream_writer_frame(ern_stream_writer *writer, const uint8_t *rgb
   return writer->broken = or_stopped(writer, write_frame(writer, rgba, samples, frames));
 }
 
-/* Drains the encoders, writes the tail, closes the file. */
+/* Flushes the encoders, writes the trailer, closes the file. */
 static ern_status finish(ern_stream_writer *w) {
   AVFormatContext *container = w->muxer.container;
   ern_status status = ERN_OK;

@@ -4,9 +4,8 @@
 #include <string.h>
 #include <strings.h>
 
-/* Of VP9 and AV1 the speeds at which they keep up with rendering on few cores; x265 writes to stderr unless told not
- * to.
- */
+/* VP9 and AV1 get speed settings that keep up with rendering on few cores; x265 writes to stderr unless its log is
+ * disabled. */
 static const struct ern_video_codec codecs[] = {
     {"h264", "libx264", AV_CODEC_ID_H264, AV_PIX_FMT_YUV420P, 51, true, {{NULL}}},
     {"hevc", "libx265", AV_CODEC_ID_HEVC, AV_PIX_FMT_YUV420P, 51, true, {{"x265-params", "log-level=none"}}},

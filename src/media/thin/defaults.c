@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * What configurations hold before a program sets anything. */
+ * The defaults of the option structs. */
 #include "core/sized.h"
 #include "ernerf/live.h"
 #include "ernerf/stream.h"

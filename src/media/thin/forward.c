@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * libernerf-media as programs link it: each function opens libernerf-media-impl, where that is not open yet, and calls
- * the function of its table. */
+ * The libernerf-media that programs link with: each function loads libernerf-media-impl, unless that is loaded already,
+ * and calls the function in its table. */
 #include <stdatomic.h>
 #include <stddef.h>
 
@@ -10,11 +10,10 @@
 #define TEXT_OF(x) #x
 #define SONAME(major) "libernerf-media-impl.so." TEXT_OF(major)
 
-/* What the dynamic loader would keep in the process's table of symbols if the library were linked: NULL, then the same
- * address for good. */
+/* The function table: NULL until the library is loaded, then constant, as a symbol that the dynamic loader binds. */
 static _Atomic(const struct ern_media_functions *) bound;
 
-/* NULL where it cannot be loaded; the reason is the context's error, which is *status. */
+/* Returns NULL where the library cannot be loaded; *status and the context's error have the reason. */
 static const struct ern_media_functions *load(ern_context *context, const char *what, ern_status *status) {
   static const struct ern_loaded_library library = {SONAME(ERN_VERSION_MAJOR), "ern_media_functions",
                                                     "OpenImageIO, OpenCV and FFmpeg, and these libraries"};
@@ -48,7 +47,7 @@ static const struct ern_media_functions *load(ern_context *context, const char *
     const struct ern_media_functions *functions = load(NULL, #name, &status); \
     if (functions != NULL) functions->name arguments;                         \
   }
-/* What was not loaded has made nothing that could be freed. */
+/* Where the library is not loaded, there is nothing to free. */
 #define FORWARD_FREE(name, parameters, arguments)                                                     \
   void name parameters {                                                                              \
     const struct ern_media_functions *functions = atomic_load_explicit(&bound, memory_order_acquire); \

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
- * The functions of libernerf-media as a table. The library itself is thin: it opens libernerf-media-impl, which has
- * them and brings OpenImageIO, OpenCV and FFmpeg along (some 265 libraries), when the first is called.
- * cmake/media_functions.cmake makes function_list.h of the headers. */
+ * The function table of libernerf-media. The library itself is a thin wrapper: the first call of a function loads
+ * libernerf-media-impl, which implements them all and depends on OpenImageIO, OpenCV and FFmpeg (some 265 libraries).
+ * cmake/media_functions.cmake generates function_list.h from the headers. */
 #ifndef ERN_MEDIA_THIN_FUNCTIONS_H
 #define ERN_MEDIA_THIN_FUNCTIONS_H
 
@@ -23,7 +23,7 @@ struct ern_media_functions {
   ERN_MEDIA_FREE(ERN_VOID_MEMBER)
 };
 
-/* The one symbol of libernerf-media-impl. */
+/* The only exported symbol of libernerf-media-impl. */
 extern ERN_API const struct ern_media_functions ern_media_functions;
 
 #endif

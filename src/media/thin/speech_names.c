@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * What speech features are called, and what a file holds by its first bytes. */
+ * The names of the kinds of speech features, and the type of a file by its first bytes. */
 #include <stdio.h>
 #include <string.h>
 

@@ -1,9 +1,8 @@
 /* SPDX-License-Identifier: MIT
- * One mp4 of several that follow each other: their coded pictures as they are, the sound coded once over all of them.
+ * Joins several mp4 files into one: copies their coded pictures, and encodes the sound once for all of them.
  *
- * Each begins with a picture that needs none before it and refers to none after its end (a closed group of pictures),
- * so that pictures are only counted on. All are read twice: what cannot be joined is refused before anything is
- * written. */
+ * Each segment is a sequence of closed groups of pictures, so that only the timestamps change. All segments are read
+ * twice: those that cannot be joined are refused before anything is written. */
 #include <stdio.h>
 #include <string.h>
 
@@ -29,7 +28,7 @@ struct joined {
   struct ern_muxer muxer;
   AVStream *stream;
   AVRational rate;
-  int64_t delay; /* pictures that are coded before the first is shown */
+  int64_t delay; /* reorder delay: pictures that are decoded before the first is shown */
   int64_t pictures;
   struct ern_sound_track sound;
   char *xmp;
@@ -58,7 +57,7 @@ fail:
   return status;
 }
 
-/* The next coded picture, in the packet; *end where there is none. */
+/* Reads the next coded picture into the packet; *end is set where there is none. */
 static ern_status next_packet(ern_context *context, struct segment *s, bool *end) {
   for (*end = false;;) {
     av_packet_unref(s->packet);
@@ -70,7 +69,7 @@ static ern_status next_packet(ern_context *context, struct segment *s, bool *end
   }
 }
 
-/* Number of the picture in its segment, by the time at which it is shown; -1 where that is between two. */
+/* The index of a picture in its segment, by its presentation time; -1 where that is between two pictures. */
 static int64_t number_of(const struct segment *s, AVRational rate, int64_t pts) {
   const AVRational each = {rate.den, rate.num};
   const int64_t number = av_rescale_q(pts, s->stream->time_base, each);
@@ -90,7 +89,7 @@ static bool same_tag(const AVDictionary *a, const AVDictionary *b, const char *n
   return (one == NULL) == (other == NULL) && (one == NULL || strcmp(one->value, other->value) == 0);
 }
 
-/* first: NULL for the first itself. */
+/* Checks a segment against the first; first NULL: it is the first. */
 static ern_status look_at(struct joined *j, struct segment *s, const struct segment *first) {
   const AVRational rate = s->stream->avg_frame_rate;
   bool end = false;
@@ -158,7 +157,7 @@ static ern_status read_xmp(struct joined *j, const char *path) {
       size = big_endian(head + 8, 8);
       header = 16;
     }
-    if (size < header || size > INT64_MAX) break; /* 0: to the end, no box of ours */
+    if (size < header || size > INT64_MAX) break; /* size 0: up to the file's end, not a box of ours */
     const bool is_xmp = memcmp(head + 4, "uuid", 4) == 0 && header == 8 && size > sizeof head && size < MOST_XMP;
     if (!is_xmp && fseeko(file, (off_t)(size - header), SEEK_CUR) != 0) break;
     if (!is_xmp) continue;
@@ -191,7 +190,7 @@ static ern_status open_output(struct joined *j, const char *path, const struct s
   if (error >= 0) error = av_dict_copy(&j->stream->metadata, first->stream->metadata, 0);
   if (error >= 0) error = av_dict_copy(&muxer->container->metadata, first->container->metadata, 0);
   if (error < 0) ERN_TRY(ern_av_fail(j->context, ERN_E_NO_MEMORY, path, "make an mp4", error));
-  const unsigned tag = j->stream->codecpar->codec_tag; /* kept where an mp4 has it, such as hvc1 beside hev1 */
+  const unsigned tag = j->stream->codecpar->codec_tag; /* kept where mp4 knows it, such as hvc1 instead of hev1 */
   if (av_codec_get_id(muxer->container->oformat->codec_tag, tag) != j->stream->codecpar->codec_id)
     j->stream->codecpar->codec_tag = 0;
   j->stream->time_base = (AVRational){j->rate.den, j->rate.num};

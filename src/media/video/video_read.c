@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * Video files, frame by frame, as RGB. */
+ * Reads video files frame by frame as RGB. */
 #include <libavutil/display.h>
 #include <libavutil/opt.h>
 #include <libavutil/pixdesc.h>
@@ -21,15 +21,15 @@ struct ern_video_reader {
   ern_video_info info;
   struct SwsContext *convert; /* for frames of this form: */
   int width, height, format;
-  int quarters;    /* turns of 90 degrees, clockwise, that the file asks for: 0..3 */
-  ern_image lying; /* the frame before them */
+  int quarters;    /* clockwise rotations by 90 degrees that the file asks for: 0..3 */
+  ern_image lying; /* the frame before rotation */
   enum AVColorSpace space;
   enum AVColorRange range;
 };
 
 static void copy_name(char to[32], const char *name) { snprintf(to, 32, "%s", name != NULL ? name : "unknown"); }
 
-/* How a telephone was held: the display matrix of the stream, of which whole quarters are taken. */
+/* The rotation by the stream's display matrix (how a telephone was held), rounded to quarter turns. */
 static int quarters_of(const AVStream *stream) {
   size_t bytes = 0;
   const uint8_t *matrix = av_stream_get_side_data(stream, AV_PKT_DATA_DISPLAYMATRIX, &bytes);
@@ -91,7 +91,7 @@ void ern_video_reader_info_sized(const ern_video_reader *reader, ern_video_info 
   ern_struct_give(info, bytes, reader != NULL ? &reader->info : &none, sizeof none);
 }
 
-/* The matrix the file names; where it names none, what players take: BT.709 from 720 rows on, BT.601 below. */
+/* The file's colour matrix; where the file has none, the choice of players: BT.709 from 720 rows on, BT.601 below. */
 static const int *matrix_of(const AVFrame *frame) {
   switch (frame->colorspace) {
     case AVCOL_SPC_BT709: return sws_getCoefficients(SWS_CS_ITU709);
@@ -105,7 +105,7 @@ static const int *matrix_of(const AVFrame *frame) {
   }
 }
 
-/* The formats "yuvj" are full range by name; swscale wants the plain ones and the range beside them. */
+/* The formats "yuvj" are full range by name; swscale needs the plain formats and the range as a separate value. */
 static enum AVPixelFormat plain_format(enum AVPixelFormat format, bool *full) {
   switch (format) {
     case AV_PIX_FMT_YUVJ420P: *full = true; return AV_PIX_FMT_YUV420P;
@@ -116,7 +116,7 @@ static enum AVPixelFormat plain_format(enum AVPixelFormat format, bool *full) {
   }
 }
 
-/* Makes the conversion to RGB for frames such as this one, unless it is the last one's. */
+/* Makes the conversion to RGB for frames of this format, unless the present conversion fits. */
 static ern_status prepare(ern_video_reader *reader, const AVFrame *frame) {
   if (reader->convert != NULL && reader->width == frame->width && reader->height == frame->height &&
       reader->format == frame->format && reader->space == frame->colorspace && reader->range == frame->color_range) {
@@ -175,7 +175,7 @@ static void turn(const ern_image *from, int quarters, ern_image *to) {
     }
 }
 
-/* Makes *image of that size where it is of another. */
+/* Makes *image anew where its size differs. */
 static ern_status fit(const ern_video_reader *reader, int width, int height, ern_image *image) {
   if (image->data != NULL && image->width == width && image->height == height && image->channels == 3) return ERN_OK;
   ern_image_free(reader->context, image);

@@ -4,7 +4,8 @@
 #include <libavutil/channel_layout.h>
 #include <math.h>
 
-/* The codec's own rates, unless it takes any: `rate` itself, else the nearest above, else the highest. */
+/* The codec's sample rate for `rate`: `rate` itself where the codec supports it, else the nearest above, else the
+ * highest. */
 static int rate_for(const AVCodec *codec, int rate) {
   if (codec->supported_samplerates == NULL) return rate;
   int above = 0, highest = 0;
@@ -15,13 +16,14 @@ static int rate_for(const AVCodec *codec, int rate) {
   return above != 0 ? above : highest;
 }
 
-/* Bits a second a channel: 3 a sample, within what AAC-LC gains from. */
+/* Bits a second a channel: 3 a sample, within AAC-LC's useful range. */
 static int64_t bit_rate_for(int rate) {
   const int64_t wanted = 3 * (int64_t)rate;
   return wanted < 32000 ? 32000 : wanted > 128000 ? 128000 : wanted;
 }
 
-/* Opus has no layout with a subwoofer but 5.1, 6.1 and 7.1 (RFC 7845, 5.1.1.2): FFmpeg's default of 3 and 4 is none. */
+/* Opus has layouts with a subwoofer only for 5.1, 6.1 and 7.1 (RFC 7845, 5.1.1.2); FFmpeg's defaults for 3 and 4
+ * channels are not among Opus's layouts. */
 static void choose_layout(AVChannelLayout *layout, enum AVCodecID id, int channels) {
   if (id == AV_CODEC_ID_OPUS && channels == 3)
     *layout = (AVChannelLayout)AV_CHANNEL_LAYOUT_SURROUND;
@@ -102,7 +104,7 @@ fail:
   return status;
 }
 
-/* Converts `count` frames of sound (0: what the resampler still holds) and lines them up. */
+/* Converts `count` frames of sound (0: flushes the resampler) and appends them to track->waiting. */
 static ern_status convert(struct ern_muxer *muxer, struct ern_sound_track *track, const uint8_t *from, int count) {
   uint8_t **to = NULL;
   const int most = swr_get_out_samples(track->convert, count) + 64;
@@ -117,7 +119,7 @@ static ern_status convert(struct ern_muxer *muxer, struct ern_sound_track *track
 /* Encodes the next `count` samples that wait, at most a packet's. */
 static ern_status encode(struct ern_muxer *muxer, struct ern_sound_track *track, int count) {
   AVFrame *frame = track->frame;
-  int error = av_frame_make_writable(frame); /* the codec may still hold the last one */
+  int error = av_frame_make_writable(frame); /* the codec may still hold a reference to the last frame */
   if (error >= 0) error = av_audio_fifo_read(track->waiting, (void **)frame->extended_data, count);
   if (error < 0) return ern_av_fail(muxer->context, ERN_E_MEDIA, muxer->path, "encode the sound", error);
   const int whole = frame->nb_samples;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * Video files: mp4, mov, mkv, webm, gif, through FFmpeg. */
+ * Writes video files (mp4, mov, mkv, webm, gif) through FFmpeg. */
 #include <stdio.h>
 #include <string.h>
 
@@ -19,7 +19,7 @@ struct ern_video_writer {
   ern_context *context;
   const struct ern_video_form *form;
   struct ern_file_writer file;
-  ern_status broken; /* what the first frame that failed returned, and its words */
+  ern_status broken; /* status and error text of the first frame that failed */
   char broken_text[1024];
   AVRational rate;
   struct ern_muxer muxer;
@@ -46,7 +46,7 @@ static bool has_boxes(const struct ern_video_form *form) {
   return strcmp(form->muxer, "mp4") == 0 || strcmp(form->muxer, "mov") == 0;
 }
 
-/* FFmpeg opens the temporary file by its name, which `file` has locked, and writes the head of the container. */
+/* Lets FFmpeg open the temporary file, which `file` has locked, by its name, and writes the container's header. */
 static ern_status open_file(ern_video_writer *writer) {
   ern_context *context = writer->context;
   AVFormatContext *container = writer->muxer.container;
@@ -136,7 +136,7 @@ ern_status ern_video_writer_frame(ern_video_writer *writer, const uint8_t *rgba)
   return ern_fail(writer->context, writer->broken, "%s", writer->broken_text);
 }
 
-/* Drains the encoders, writes the tail, closes the file. */
+/* Flushes the encoders, writes the trailer, closes the file. */
 static ern_status finish(ern_video_writer *writer) {
   ern_context *context = writer->context;
   AVFormatContext *container = writer->muxer.container;

@@ -1,6 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * How far the points of a network lie from where they are guessed; the network itself is ern_landmark_network of
- * prepare.h. */
+ * The distance of a network's points from a guess; the network itself is ern_landmark_network of prepare.h. */
 #ifndef ERN_PREPARE_LANDMARK_NETWORK_H
 #define ERN_PREPARE_LANDMARK_NETWORK_H
 
@@ -12,8 +11,8 @@
 extern "C" {
 #endif
 
-/* Mean distance of the points 17..67 from those of the guess, in distances of the guess's eyes: the jaw's points lie on
- * different lines in different networks. */
+/* Mean distance of points 17..67 from the guess, as a multiple of the guess's eye distance. The jaw's points are left
+ * out: networks place them on different lines. */
 double ern_landmarks_apart(const float points[ERN_LANDMARKS][2], const float guess[ERN_LANDMARKS][2]);
 
 #ifdef __cplusplus

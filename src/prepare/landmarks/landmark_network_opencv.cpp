@@ -15,7 +15,7 @@ extern "C" { /* C headers */
 
 namespace {
 
-enum { WFLW = 98, UNITS = 2, MOST_SIDE = 8192 }; /* units: shares of the square, pixels of it */
+enum { WFLW = 98, UNITS = 2, MOST_SIDE = 8192 }; /* units: fractions of the square, pixels */
 
 const ern_network_colours colours[] = {
     {false, {0, 0, 0}, {255, 255, 255}},
@@ -26,19 +26,19 @@ const ern_network_colours colours[] = {
     {false, {0, 0, 0}, {1, 1, 1}},
     {true, {0, 0, 0}, {1, 1, 1}},
 };
-/* The square's side over the greater of width and height of the guessed points. */
+/* The square's side as a multiple of the guessed points' extent (the greater of width and height). */
 const double squares[] = {1.1, 1.25, 1.4};
 enum { COLOURS = sizeof colours / sizeof *colours, SQUARES = sizeof squares / sizeof *squares };
 
-/* Points of WFLW (Wu et al., "Look at Boundary", CVPR 2018) that stand for those of 300-W. */
+/* The WFLW point (Wu et al., "Look at Boundary", CVPR 2018) that corresponds to each 300-W point. */
 const int wflw[ERN_LANDMARKS] = {0,  2,  4,  6,  8,  10, 12, 14, 16, 18, 20, 22, 24, 26, 28, 30, 32,
                                  33, 34, 35, 36, 37, 42, 43, 44, 45, 46, 51, 52, 53, 54, 55, 56, 57,
                                  58, 59, 60, 61, 63, 64, 65, 67, 68, 69, 71, 72, 73, 75, 76, 77, 78,
                                  79, 80, 81, 82, 83, 84, 85, 86, 87, 88, 89, 90, 91, 92, 93, 94, 95};
 
-/* Of another way the points must be nearer by this than of one that stands before it, eye distances. */
+/* A later setting replaces an earlier one only where its points are nearer to the guess by this, in eye distances. */
 const double nearer = 0.01;
-/* Farther from the guess than this no face has its points, eye distances. */
+/* The greatest plausible distance of the points from the guess, in eye distances. */
 const double too_far = 0.4;
 
 struct Square {
@@ -55,7 +55,7 @@ struct ern_landmark_network {
   size_t examples;
   bool decided;
   double apart[COLOURS][SQUARES][UNITS]; /* sums over the examples */
-  int colour, square, unit;              /* what was settled on */
+  int colour, square, unit;              /* the chosen settings */
 };
 
 namespace {
@@ -97,7 +97,7 @@ Square square_of(const float guess[ERN_LANDMARKS][2], double scale, const cv::Ma
   return square;
 }
 
-/* The square of the frame at the network's size; black outside the frame. */
+/* Crops the square of the frame at the network's size; black outside the frame. */
 cv::Mat cut(const ern_landmark_network &network, const cv::Mat &frame, const Square &square) {
   cv::Mat whole(square.side, square.side, CV_8UC3, cv::Scalar(0, 0, 0)), small;
   const cv::Rect wanted(square.x, square.y, square.side, square.side);
@@ -108,7 +108,7 @@ cv::Mat cut(const ern_landmark_network &network, const cv::Mat &frame, const Squ
   return small;
 }
 
-/* The output of 68 or 98 points; sizes of 1 do not count. */
+/* Whether an output has 68 or 98 points; dimensions of size 1 are ignored. */
 bool is_points(const cv::Mat &out, int *count) {
   int sizes[2] = {1, 1}, n = 0;
   if (out.empty() || out.type() != CV_32F) return false;
@@ -124,7 +124,7 @@ bool is_points(const cv::Mat &out, int *count) {
   return false;
 }
 
-/* Points as the network has them. */
+/* Runs the network; points in its own units. */
 void forward(ern_landmark_network &network, const cv::Mat &picture, int colour, float points[ERN_LANDMARKS][2]) {
   const size_t named = std::min(network.look.outputs, size_t(ERN_ONNX_OUTPUTS));
   const std::vector<cv::String> names(network.look.output, network.look.output + named);
@@ -147,7 +147,7 @@ void forward(ern_landmark_network &network, const cv::Mat &picture, int colour, 
   CV_Error(cv::Error::StsBadSize, "no output has 68 or 98 points");
 }
 
-/* From the network's units to pixels of the frame. */
+/* Converts points from the network's units to pixels of the frame. */
 void place(const ern_landmark_network &network, const Square &square, int unit, const float from[ERN_LANDMARKS][2],
            float to[ERN_LANDMARKS][2]) {
   const float scale = unit == 0 ? float(square.side) : float(square.side) / float(network.look.shape[3]);

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * The step "landmarks": 68 points of every frame. Without a network they are a template, laid onto the eyes that the
- * cascades found and onto the mouth, which is where the still face changes most; jaw and lower lip follow the chin. */
+ * The step "landmarks": 68 points of every frame. Without a network they are a template, fitted to the eyes that the
+ * cascades found and to the mouth, where the stabilised face changes most; jaw and lower lip follow the chin. */
 #include <math.h>
 #include <stdio.h>
 
@@ -20,13 +20,14 @@ struct fit {
   struct ern_head_pose *poses; /* [frames] */
   uint8_t *grey;               /* [side][side] */
   double middle_x, eyes_y;     /* of the eyes, metres in the head's frame */
-  double wide;                 /* this face over the template: across */
-  double mouth;                /* metres under the eyes */
+  double wide;                 /* width of this face relative to the template */
+  double mouth;                /* metres below the eyes */
   double mouth_x;              /* metres from middle_x */
-  float *opening;              /* [frames]: how far the jaw is down, metres */
+  float *opening;              /* [frames]: how far the jaw is lowered, metres */
 };
 
-/* Middle and half distance of the eyes in the head's frame: medians of where the lines of sight meet the face. */
+/* Fits the eyes' midpoint and half distance in the head's frame: medians of the intersections of the face with the rays
+ * through the eyes. */
 static ern_status fit_eyes(struct fit *fit) {
   ern_status status = ERN_OK;
   struct ern_found_face *faces = NULL;
@@ -89,7 +90,7 @@ fail:
   return status;
 }
 
-/* The mouth is the middle of the band of rows that change more than half as much as the row that changes most. */
+/* Fits the mouth: the middle of the band of rows whose variance is more than half of the greatest row's. */
 static ern_status fit_mouth(struct fit *fit) {
   const struct ern_stabilized_crop crop = {
       .x = fit->middle_x, .y = fit->eyes_y - 0.070, .step = lower_step, .columns = LOWER_COLUMNS, .rows = LOWER_ROWS};
@@ -110,7 +111,7 @@ static ern_status fit_mouth(struct fit *fit) {
       smooth[r] += rows[at] / 9;
     }
     sorted[r] = (float)smooth[r];
-    /* 50 to 90 mm under the eyes: not the collar, not the nose */
+    /* 50 to 90 mm below the eyes: leaves out collar and nose */
     const double under = 0.070 + (r - 0.5 * (LOWER_ROWS - 1)) * lower_step;
     if (under > 0.050 && under < 0.090 && smooth[r] > most) {
       most = smooth[r];
@@ -143,7 +144,7 @@ fail:
   return status;
 }
 
-/* Metres that the chin is lower in a crop than in the crop at rest: median of the flow under the lower lip. */
+/* *drop: metres by which the chin is lower in a crop than in the crop at rest: the median flow below the lower lip. */
 static ern_status chin_drop(struct fit *fit, const uint8_t *rest, const uint8_t *crop, float *flow, float *values,
                             float *drop) {
   size_t n = 0;
@@ -168,7 +169,7 @@ static void take_chin(struct fit *fit, size_t frame, float *values, uint8_t *cro
   for (int i = 0; i < CHIN_COLUMNS * CHIN_ROWS; i++) crop[i] = (uint8_t)lrintf(fminf(fmaxf(values[i], 0), 255));
 }
 
-/* Openings of all frames, from the lowest tenth of them, which is taken as a closed mouth. */
+/* Measures the openings of all frames, relative to the lowest tenth of them, which counts as a closed mouth. */
 static ern_status follow_chin(struct fit *fit) {
   enum { PIXELS = CHIN_COLUMNS * CHIN_ROWS };
   ern_status status = ERN_OK;
@@ -202,7 +203,7 @@ fail:
   return status;
 }
 
-/* How much of the jaw's way a landmark goes. */
+/* The share of the jaw's motion that a landmark follows. */
 static double follows_jaw(int point) {
   static const double jaw[] = {0.3, 0.6, 0.85, 0.95, 1, 0.95, 0.85, 0.6, 0.3}; /* 4..12 */
   if (point >= 4 && point <= 12) return jaw[point - 4];
@@ -226,9 +227,9 @@ static ern_status write_frame(struct fit *fit, size_t frame) {
   float points[ERN_LANDMARKS][2];
   for (int i = 0; i < ERN_LANDMARKS; i++) {
     const double *t = ern_landmarks_template[i];
-    /* below the eyes the template is stretched, so that its mouth is where this one is */
+    /* below the eyes the template is stretched, so that its mouth meets this face's mouth */
     const double y = t[1] < -10 ? -10 + (t[1] + 10) * (1000 * fit->mouth - 10) / (ERN_TEMPLATE_MOUTH - 10) : t[1];
-    const double lower = t[1] < 0 ? fmin(-t[1] / ERN_TEMPLATE_MOUTH, 1) : 0; /* share of the mouth's way aside */
+    const double lower = t[1] < 0 ? fmin(-t[1] / ERN_TEMPLATE_MOUTH, 1) : 0; /* share of the mouth's lateral offset */
     const double point[3] = {fit->middle_x + 0.001 * t[0] * fit->wide + lower * fit->mouth_x,
                              fit->eyes_y + 0.001 * y - follows_jaw(i) * (double)fit->opening[frame],
                              ERN_HEAD_EYES_Z + 0.001 * t[2]};
@@ -257,7 +258,7 @@ fail:
   return status;
 }
 
-/* How far what was supplied lies from the heads. */
+/* Checks the supplied landmarks' distance from the heads. */
 static ern_status check_supplied(struct ern_prepare_job *job, const struct ern_head_pose *poses,
                                  const float (*points)[ERN_LANDMARKS][2]) {
   ern_status status = ERN_OK;
@@ -284,7 +285,7 @@ fail:
   return status;
 }
 
-/* The user's own, checked and written as ours are. */
+/* Checks the user's landmarks and writes them as the step's own. */
 static ern_status from_user(struct ern_prepare_job *job) {
   ern_status status = ERN_OK;
   struct ern_head_pose *poses = NULL;

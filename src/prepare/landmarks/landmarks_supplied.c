@@ -73,7 +73,7 @@ struct looking {
   float guess[ERN_LANDMARKS][2];
 };
 
-/* Reads the frame and guesses where its points are. */
+/* Reads a frame and guesses its points. */
 static ern_status look_at(struct looking *looking, size_t frame, const struct ern_head_pose *pose) {
   char name[64];
   ern_image_free(looking->job->context, &looking->image);
@@ -85,7 +85,7 @@ static ern_status look_at(struct looking *looking, size_t frame, const struct er
   return ern_prepare_picture(looking->job, name, 3, &looking->image);
 }
 
-/* Each point becomes (before + 2 at + after) / 4; the mouth, which moves fast, stays. */
+/* Smooths each point in time to (before + 2 at + after) / 4, except the mouth, which moves fast. */
 static void smooth(float (*points)[ERN_LANDMARKS][2], size_t count) {
   for (int k = 0; k < MOUTH; k++)
     for (int c = 0; c < 2; c++) {
@@ -150,7 +150,7 @@ ern_status ern_landmarks_supplied(struct ern_prepare_job *job, const size_t *fra
   return from_folder(job, frames, count, points);
 }
 
-/* The pose of a face that looks into the camera; eyes that were not found are where a face's box mostly has them. */
+/* The pose of a frontal face. Eyes that were not found are put at their usual position in a face's box. */
 static void pose_of(const struct ern_prepare_job *job, const struct ern_found_face *face, struct ern_head_pose *pose) {
   const float eyes[2][2] = {{face->x + 0.3f * face->width, face->y + 0.4f * face->height},
                             {face->x + 0.7f * face->width, face->y + 0.4f * face->height}};

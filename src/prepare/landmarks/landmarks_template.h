@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * The 68 landmarks (300-W order; left and right as in the picture) of a generic face, millimetres from the middle of
- * the eyes: x right, y up, z out of the face. Put down from adults' mean proportions: eyes 63 mm apart, nose 48 mm,
- * mouth 67 mm and chin 106 mm under them. */
+ * the eyes: x right, y up, z out of the face. Drawn up from adults' mean proportions: eyes 63 mm apart; nose 48 mm,
+ * mouth 67 mm and chin 106 mm below them. */
 #ifndef ERN_PREPARE_LANDMARKS_TEMPLATE_H
 #define ERN_PREPARE_LANDMARKS_TEMPLATE_H
 
@@ -82,7 +82,7 @@ static const double ern_landmarks_template[ERN_LANDMARKS][3] = {
     {0, -69, 12.5},
     {-7, -68.5, 12}};
 
-/* The mouth's line under the eyes, millimetres. */
+/* Distance of the mouth's line below the eyes, millimetres. */
 #define ERN_TEMPLATE_MOUTH 67.0
 
 #endif

@@ -8,7 +8,7 @@
 #include "io/csv.h"
 
 enum { POINT_COLUMNS = 2 * ERN_LANDMARKS, ALL_COLUMNS = POINT_COLUMNS + 2, NAME = 8 };
-/* Seconds from the clip's frame to the nearest row: a slow video has a frame each 0.2 s. */
+/* Most seconds from a frame of the clip to the nearest row: a slow video has a frame each 0.2 s. */
 static const double most_away = 0.25;
 
 /* rows[job->frames]: the row nearest in time. */
@@ -35,7 +35,7 @@ static ern_status rows_by_time(struct ern_prepare_job *job, const char *path, co
   return ERN_OK;
 }
 
-/* Rows without success become the last before them that has it, at the beginning the first one. */
+/* Replaces a row without success by the last row before it with success, at the beginning by the first such row. */
 static ern_status hold(struct ern_prepare_job *job, const char *path, const float *success, size_t *rows,
                        size_t *held) {
   size_t last = 0;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * The place behind the person, from frames in which the person stands elsewhere. */
+ * Estimates the background behind the person from frames in which the person is elsewhere. */
 #include <algorithm>
 #include <cmath>
 #include <opencv2/calib3d.hpp>
@@ -11,7 +11,7 @@ namespace {
 
 constexpr float NOISE_LEAST = 4, NOISE_MOST = 25; /* grey values, of video after compression */
 
-/* Where the place is seen in an example, at the clip's side. */
+/* The mask of an example's visible background, at the clip's side. */
 cv::Mat free_of(const ern_person_model &model, const ern_person_example &example) {
   cv::Mat whole;
   cv::resize(example.place, whole, cv::Size(model.side, model.side), 0, 0, cv::INTER_LINEAR);
@@ -24,9 +24,9 @@ uint8_t median_of(std::vector<uint8_t> &values) {
   return *middle;
 }
 
-/* Median and noise (1.48 times the median absolute deviation, of the channel with the most) of each pixel over the
- * examples that see it. What fewer than an eighth of them see is taken as not seen: close to the person these are the
- * examples whose masks lack a piece of hair or an ear. */
+/* Median and noise (1.48 times the median absolute deviation, of the channel with the greatest) of each pixel over the
+ * examples in which it is visible. A pixel visible in fewer than an eighth of the examples counts as never seen: close
+ * to the person, their masks may lack hair or an ear. */
 void medians(ern_person_model *model, cv::Mat &noise) {
   const int n = model->side;
   const size_t least = (model->examples.size() + 7) / 8;
@@ -58,7 +58,7 @@ void medians(ern_person_model *model, cv::Mat &noise) {
     }
 }
 
-/* Fills what `known` lacks with means of ever wider surroundings. */
+/* Fills the pixels outside `known` with means over ever wider surroundings. */
 cv::Mat filled(const cv::Mat &picture, const cv::Mat &known) {
   std::vector<cv::Mat> colours(1), weights(1);
   picture.convertTo(colours[0], CV_32FC3);
@@ -90,7 +90,7 @@ cv::Mat filled(const cv::Mat &picture, const cv::Mat &known) {
   return below;
 }
 
-/* The colour of a screen: the median of the border above the shoulders, where the person is not. */
+/* The colour of a chroma key screen: the median of the picture's border above the shoulders, without the person. */
 cv::Vec3b screen_colour(const ern_person_model &model) {
   const int n = model.side, strip = std::max(1, n / 20);
   cv::Vec3b colour(0, 0, 0);
@@ -110,7 +110,7 @@ double difference(const cv::Vec3b &a, const cv::Vec3b &b) {
                    std::pow(double(a[2]) - b[2], 2));
 }
 
-/* How the picture that was supplied differs from what was seen, and how the frames differ from the background. */
+/* Measures the difference of the supplied picture from the learnt background, and of the frames from the background. */
 void measure(const ern_person_model &model, const cv::Mat &noise, const cv::Mat &supplied, ern_person_found *found) {
   const int n = model.side;
   double sum = 0;
@@ -164,7 +164,7 @@ void ern_person_background(ern_person_model *model, const uint8_t *background, b
   cv::resize(model->background, area, small, 0, 0, cv::INTER_AREA);
   area.convertTo(model->small_background, CV_32FC3);
   cv::resize(noise, model->small_noise, small, 0, 0, cv::INTER_AREA);
-  /* A colour that was filled in is the less to be trusted the farther it comes from. */
+  /* The trust in a filled-in colour falls with the distance to its source. */
   cv::resize(model->seen, area, small, 0, 0, cv::INTER_AREA);
   area = area < 255;
   cv::distanceTransform(area, model->small_trust, cv::DIST_L2, 3);

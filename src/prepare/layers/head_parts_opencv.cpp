@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * Head, neck and torso: the jaw's landmarks end the head, skin below it is the neck. */
+ * Splits the person into head, neck and torso: the head ends at the jaw's landmarks; the skin below is the neck. */
 #include <algorithm>
 #include <cmath>
 
@@ -9,7 +9,7 @@ namespace {
 
 struct Skin {
   float red, green, sigma, bright; /* chromaticities R/(R+G+B), G/(R+G+B); their spread; R+G+B */
-  float least, most;               /* of R+G+B, times `bright` */
+  float least, most;               /* bounds of R+G+B, as multiples of `bright` */
   bool is(const cv::Vec3b &c) const {
     const float sum = float(c[0]) + c[1] + c[2] + 1;
     const float d = std::hypot(c[0] / sum - red, c[1] / sum - green);
@@ -25,7 +25,7 @@ float median_of(std::vector<float> &values) {
 
 cv::Point at(const ern_layer_face &face, int k) { return {cvRound(face.points[k][0]), cvRound(face.points[k][1])}; }
 
-/* Of the pixels where `mask` is. */
+/* Skin statistics of the pixels in `mask`. */
 Skin skin_in(const cv::Mat &frame, const cv::Mat &mask, float least, float most) {
   std::vector<float> red, green, sums;
   for (int y = 0; y < frame.rows; y++)
@@ -42,7 +42,7 @@ Skin skin_in(const cv::Mat &frame, const cv::Mat &mask, float least, float most)
   return skin;
 }
 
-/* Between jaw, eyes, nose and mouth. */
+/* The mask of the cheeks: between jaw, eyes, nose and mouth. */
 cv::Mat cheeks_of(const cv::Mat &frame, const ern_layer_face &face) {
   cv::Mat cheeks(frame.size(), CV_8U, cv::Scalar(0));
   cv::fillPoly(
@@ -54,8 +54,8 @@ cv::Mat cheeks_of(const cv::Mat &frame, const ern_layer_face &face) {
   return cheeks;
 }
 
-/* What lies above the jaw; beside the face the line goes on along the head's own level from landmarks `from` and 16 -
- * `from`. */
+/* The mask of the pixels above the jaw. Beside the face its lower border continues along the head's horizontal axis
+ * from landmarks `from` and 16 - `from`. */
 cv::Mat above_jaw(const cv::Size &size, const ern_layer_face &face, int from) {
   const cv::Point2d left(face.points[0][0], face.points[0][1]), right(face.points[16][0], face.points[16][1]);
   cv::Point2d level = right - left;
@@ -71,7 +71,7 @@ cv::Mat above_jaw(const cv::Size &size, const ern_layer_face &face, int from) {
   return above;
 }
 
-/* The parts of `mask` that hang together with `seed`. */
+/* The connected components of `mask` that touch `seed`. */
 cv::Mat connected(const cv::Mat &mask, const cv::Mat &seed) {
   cv::Mat labels;
   const int count = cv::connectedComponents(mask, labels, 4);
@@ -101,7 +101,7 @@ ern_status ern_head_parts(ern_context *context, const uint8_t *rgb, const uint8_
         std::hypot(double(face->points[8][0]) - face->points[27][0], double(face->points[8][1]) - face->points[27][1]);
     const Skin skin = skin_in(frame, cheeks_of(frame, *face), 0.3F, 1.6F);
     cv::Mat skins(side, side, CV_8U, cv::Scalar(0));
-    cv::Mat bright(side, side, CV_8U, cv::Scalar(0)); /* too bright for hair in the shade */
+    cv::Mat bright(side, side, CV_8U, cv::Scalar(0)); /* too bright for shaded hair */
     for (int y = 0; y < side; y++)
       for (int x = 0; x < side; x++) {
         if (person.at<uchar>(y, x) == 0) continue;
@@ -113,7 +113,7 @@ ern_status ern_head_parts(ern_context *context, const uint8_t *rgb, const uint8_
     skins &= person;
     const cv::Mat ears = above_jaw(frame.size(), *face, 3), jaw = above_jaw(frame.size(), *face, 4);
     cv::Mat head = person & (ears | (jaw & ~skins));
-    /* Cloth that is over the jaw's line, as a collar, is no head. */
+    /* Clothes above the jaw's line, as a collar, do not belong to the head. */
     cv::Mat band(frame.size(), CV_8U, cv::Scalar(0));
     std::vector<cv::Point> line;
     for (int k = 4; k <= 12; k++) line.push_back(at(*face, k));
@@ -121,21 +121,21 @@ ern_status ern_head_parts(ern_context *context, const uint8_t *rgb, const uint8_
     const cv::Mat cloth = ~skins & bright & ((band & head) | (person & ~head));
     head &= ~connected(cloth, person & ~head & ~skins);
     cv::morphologyEx(head, head, cv::MORPH_OPEN, disk(side / 256.0));
-    /* Slivers beside the face, where the jaw's line lies inside it, belong to it. */
+    /* Thin strips beside the face, where the jaw's line lies inside it, belong to the head. */
     cv::Mat rest = person & ~head, wide;
     cv::morphologyEx(rest, wide, cv::MORPH_OPEN, disk(0.06 * tall));
     rest &= ~wide;
     const int level = std::max(at(*face, 5).y, at(*face, 11).y);
     rest.rowRange(std::max(0, std::min(side, level)), side).setTo(0);
     head |= rest;
-    /* Skin below the jaw that hangs together with it. */
+    /* Skin below the jaw that is connected to it. */
     cv::Mat near, reach(frame.size(), CV_8U, cv::Scalar(0));
     const int left = std::min(at(*face, 3).x, at(*face, 13).x), right = std::max(at(*face, 3).x, at(*face, 13).x);
     const int out = cvRound(0.15 * tall);
     cv::rectangle(reach, cv::Point(left - out, 0), cv::Point(right + out, at(*face, 8).y + cvRound(0.8 * tall)), 255,
                   -1);
     cv::dilate(head, near, disk(0.06 * tall));
-    /* The neck lies in the shade of the head: its own colour is that of the skin close to the jaw. */
+    /* The head shades the neck, so the neck's colour is taken from the skin close to the jaw. */
     const cv::Mat close = person & ~head & skins & reach & near;
     const Skin shaded = skin_in(frame, close, 0.65F, 2.5F);
     cv::Mat neck = close.clone();
@@ -146,7 +146,7 @@ ern_status ern_head_parts(ern_context *context, const uint8_t *rgb, const uint8_
     cv::morphologyEx(neck, neck, cv::MORPH_OPEN, disk(0.02 * tall));
     neck = connected(neck & person & ~head, close);
     cv::morphologyEx(neck, neck, cv::MORPH_CLOSE, disk(0.03 * tall));
-    /* What lies in deep shade right below the jaw, between head and neck. */
+    /* Pixels in deep shade directly below the jaw, between head and neck. */
     cv::Mat whole = neck | head;
     cv::morphologyEx(whole, whole, cv::MORPH_CLOSE, disk(0.08 * tall));
     cv::dilate(head, near, disk(0.12 * tall));

@@ -1,13 +1,12 @@
 /* SPDX-License-Identifier: MIT
- * Where the head is in each frame: landmarks, and the outline of the projected ellipsoid. */
+ * The head's position in each frame: landmarks, and the outline of the projected ellipsoid. */
 #include <math.h>
 
 #include "io/landmarks.h"
 #include "prepare/head_shape.h"
 #include "prepare/layers/layers.h"
 
-/* The head with its skull: the top of a head lies 115 mm above the eyes, the chin as far below as head_shape.h has it.
- */
+/* The ellipsoid of the whole head: its top is 115 mm above the eyes, the chin as far below as in head_shape.h. */
 static const double axes[3] = {ERN_HEAD_WIDE, ERN_HEAD_TALL + 0.012, ERN_HEAD_DEEP};
 static const double middle[3] = {0, 0.012, 0};
 
@@ -17,8 +16,8 @@ static void cross_of(const double a[3], const double b[3], double c[3]) {
   for (int i = 0; i < 3; i++) c[i] = a[(i + 1) % 3] * b[(i + 2) % 3] - a[(i + 2) % 3] * b[(i + 1) % 3];
 }
 
-/* The outline of the unit sphere u = (X_head - middle) / axes seen from the eye's place e: the circle u.e = 1, |u| = 1.
- */
+/* The outline of the unit sphere u = (X_head - middle) / axes, seen from the camera's position e: the circle u.e = 1,
+ * |u| = 1. */
 static bool outline_of(const struct ern_prepare_job *job, const struct ern_head_pose *pose,
                        struct ern_layer_face *face) {
   double e[3] = {0}, p[3], q[3], side[3] = {0};
@@ -52,7 +51,7 @@ static bool outline_of(const struct ern_prepare_job *job, const struct ern_head_
   return fabs((double)face->centre[0] - c) < limit && fabs((double)face->centre[1] - c) < limit;
 }
 
-/* A pixel beside the ellipsoid moves as the nearest one towards its middle that is on it. */
+/* A pixel beside the ellipsoid moves like the nearest pixel on it towards its centre. */
 void ern_layer_head_moved(const struct ern_layer_face *from, const struct ern_layer_face *to, const double pixel[2],
                           double moved[2]) {
   static const double origin[3] = {0};
@@ -69,7 +68,7 @@ void ern_layer_head_moved(const struct ern_layer_face *from, const struct ern_la
   }
 }
 
-/* Each point becomes (before + 2 at + after) / 4, which halves what trembles from frame to frame. */
+/* Each point becomes (before + 2 at + after) / 4, which halves jitter. */
 static void smooth(struct ern_layer_face *faces, size_t count) {
   for (int k = 0; k < ERN_LAYER_POINTS; k++)
     for (int i = 0; i < 2; i++) {

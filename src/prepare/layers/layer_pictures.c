@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * The pictures that a training takes: the person over the background, and the torso with what the head hides filled
- * in, after AD-NeRF's preprocessing (numbers are pixels of a picture of 512). */
+ * The training pictures: the person over the background, and the torso with the part behind the head filled in, after
+ * AD-NeRF's preprocessing (numbers are pixels of a 512 x 512 picture). */
 #include <math.h>
 
 #include "prepare/layers/layers.h"
@@ -27,7 +27,7 @@ void ern_layer_frame(const uint8_t *rgb, const uint8_t *alpha, const uint8_t *be
       replaced = replaced || share == 0;
       a *= share;
       for (size_t i = 0; i < 3; i++) {
-        /* at the jaw a pixel is all person; elsewhere it is mixed with what lies behind */
+        /* at the jaw a pixel is all person; elsewhere it is mixed with the background */
         const float own = (float)rgb[3 * k + i], cut = own * share + (float)background[3 * k + i] * (1 - share);
         const float mixed = own + (1 - a) * ((float)background[3 * k + i] - (float)behind[3 * k + i]);
         frame[3 * k + i] = replaced ? background[3 * k + i] : byte_of(share < 1 ? cut : mixed);
@@ -46,7 +46,7 @@ struct torso {
   size_t width;
   const uint8_t *parts;
   uint8_t *rgba, *filled;      /* filled[width][width]: 1 where the head hid it */
-  size_t neck_begin, neck_end; /* columns that the neck reaches over; skin between its sides may pass for cloth */
+  size_t neck_begin, neck_end; /* range of the neck's columns; skin within it may be classified as clothes */
 };
 
 /* Whether the head is above that pixel, with at most `gap` pixels of torso between. */
@@ -56,8 +56,8 @@ static bool is_below_head(const struct torso *torso, size_t x, size_t y, size_t 
   return torso->parts[at * torso->width + x] == ERN_PART_HEAD;
 }
 
-/* Continues the top of a column of `part` upward behind the head: from `push` pixels below its top for `count` pixels,
- * each 0.98 of the one before; amid the neck as far as the neck goes on. */
+/* Extends a column of `part` upward behind the head: from `push` pixels below its top for `count` pixels, each 0.98
+ * times the one below it; inside the neck as far as the neck reaches. */
 static void fill_up(struct torso *torso, enum ern_layer_part part, size_t push, size_t count) {
   const size_t n = torso->width;
   for (size_t x = 0; x < n; x++) {
@@ -81,7 +81,7 @@ static void fill_up(struct torso *torso, enum ern_layer_part part, size_t push, 
   }
 }
 
-/* A 5 x 5 Gauss blur of what was filled, over what the torso covers. */
+/* Blurs the filled pixels by a 5 x 5 Gaussian over the pixels that the torso covers. */
 static void blur_filled(const struct torso *torso, uint8_t *before) {
   static const float tap[5] = {1, 4, 6, 4, 1};
   const size_t n = torso->width;
@@ -115,7 +115,8 @@ ern_status ern_layer_torso(ern_context *context, const uint8_t *rgb, const uint8
       torso.neck_begin = k % n < torso.neck_begin ? k % n : torso.neck_begin;
       torso.neck_end = k % n >= torso.neck_end ? k % n + 1 : torso.neck_end;
     }
-    /* The edge of the mask is soft: a pixel outside, where the person covers less than half, goes with its side. */
+    /* The mask's edge is soft: a pixel outside that the person covers by less than half belongs to the part beside it.
+     */
     const bool soft =
         parts[k] == ERN_PART_BACKGROUND && alpha[k] > 0 &&
         ((k % n > 0 && parts[k - 1] >= ERN_PART_NECK) || (k % n + 1 < n && parts[k + 1] >= ERN_PART_NECK) ||

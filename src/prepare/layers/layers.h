@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * What the files of the step "layers" share. A mask of the person is found on pictures of `work` pixels a side (about
- * half of the clip's) and then scaled to the clip's side. */
+ * Shared by the files of the step "layers". The mask of the person is computed on pictures of `work` pixels a side
+ * (about half of the clip's side) and then upsampled to the clip's side. */
 #ifndef ERN_PREPARE_LAYERS_H
 #define ERN_PREPARE_LAYERS_H
 
@@ -25,47 +25,48 @@ struct ern_layer_face {
 /* faces[job->frames] of ori_imgs/ID.lms and the poses. */
 ERN_NODISCARD ern_status ern_layer_faces_read(struct ern_prepare_job *job, struct ern_layer_face *faces);
 
-/* Where what is seen at `pixel` beside or on the head lies after the head moved from `from` to `to`. */
+/* moved = the position of the point at `pixel`, on or beside the head, after the head has moved from `from` to `to`. */
 void ern_layer_head_moved(const struct ern_layer_face *from, const struct ern_layer_face *to, const double pixel[2],
                           double moved[2]);
 
-/* What is known of the person and of the place: made from some frames of the whole clip, then asked for each frame in
- * order. Pictures are RGB of side x side, masks a byte a pixel. */
+/* A model of the person and the background. It learns from sample frames of the whole clip; then it segments each
+ * frame, in order. Pictures are RGB of side x side, masks a byte a pixel. */
 struct ern_person_model;
-/* The side of the small masks. */
+/* The side `work` of the small masks. */
 int ern_person_work(int side);
 ERN_NODISCARD ern_status ern_person_model_make(ern_context *context, int side, struct ern_person_model **model);
 void ern_person_model_free(struct ern_person_model *model); /* accepts NULL */
-/* Takes a frame as an example. `supplied` is a mask of the person, side x side, 0..255; NULL: it is looked for. */
+/* Adds a frame as an example. supplied: a mask of the person, [side][side], 0..255; NULL: the model estimates one. */
 ERN_NODISCARD ern_status ern_person_model_add(struct ern_person_model *model, const uint8_t *rgb,
                                               const struct ern_layer_face *face, const uint8_t *supplied);
 
-/* What learning found. */
+/* Results of learning. */
 struct ern_person_found {
-  double never_seen; /* share of the background's pixels that the person always covers */
+  double never_seen; /* share of the background's pixels that the person covers in all or nearly all examples */
   double shift;      /* pixels of the clip: how far the background moves between the examples, 90th percentile */
-  double shifted;    /* share of the examples in which the background's motion could be told */
+  double shifted;    /* share of the examples in which the background's motion could be measured */
   double unlike;     /* share of pixels outside the person that differ from the background beyond noise */
-  double supplied_difference; /* grey values: mean over pixels of the root mean square over the three colours of how the
-                                picture that was supplied differs from what was seen; 0 without one */
+  double supplied_difference; /* grey values: root mean square, over the colours, of the difference between the supplied
+                                 background and the learnt one, averaged over pixels; 0 where none was supplied */
 };
-/* Learns colours, places and the background from the examples. `background`: side x side RGB of the place behind the
- * person, or NULL; `key`: the background has one colour. */
+/* Learns the colours, the person's position and the background from the examples. background: [side][side] RGB without
+ * the person, or NULL. key: the background has one colour (chroma key). */
 ERN_NODISCARD ern_status ern_person_model_learn(struct ern_person_model *model, const uint8_t *background, bool key,
                                                 struct ern_person_found *found);
-/* The background for the clip, side x side RGB; lies in the model. */
+/* The background for the clip, [side][side] RGB; owned by the model. */
 const uint8_t *ern_person_model_background(const struct ern_person_model *model);
 
 /* mask[work][work] 0 or 255 of the next frame; `supplied` as above. */
 ERN_NODISCARD ern_status ern_person_mask(struct ern_person_model *model, const uint8_t *rgb,
                                          const struct ern_layer_face *face, const uint8_t *supplied, uint8_t *mask);
-/* Mean of the masks of neighbouring frames, carried along with the head to frame `which` of them: voted[work][work]
- * 0..255. */
+/* voted[work][work], 0..255: the mean of the masks of neighbouring frames, each warped by the head's motion to frame
+ * `which` of them. */
 ERN_NODISCARD ern_status ern_person_vote(struct ern_person_model *model, const uint8_t *const *masks,
                                          const struct ern_layer_face *const *faces, size_t count, size_t which,
                                          uint8_t *voted);
-/* The mask at the clip's side: alpha[side][side] 0..255, and what lies behind the person, behind[side][side][3]. Adds
- * the colour distances along the border to border[16], bins of 16. */
+/* Refines the mask at the clip's resolution: alpha[side][side] 0..255, and the background behind the person,
+ * behind[side][side][3]. Adds the colour distances along the person's border to the histogram border[16], bins 16 wide.
+ */
 ERN_NODISCARD ern_status ern_person_edge(const struct ern_person_model *model, const uint8_t *rgb, const uint8_t *voted,
                                          uint8_t *alpha, uint8_t *behind, size_t border[16]);
 
@@ -73,26 +74,26 @@ ERN_NODISCARD ern_status ern_person_edge(const struct ern_person_model *model, c
 ERN_NODISCARD ern_status ern_head_parts(ern_context *context, const uint8_t *rgb, const uint8_t *alpha,
                                         const struct ern_layer_face *face, int side, uint8_t *parts);
 
-/* torso[side][side][4]: the person without the head, with what the head hides filled in. */
+/* torso[side][side][4]: the person without the head, with the part that the head hides filled in. */
 ERN_NODISCARD ern_status ern_layer_torso(ern_context *context, const uint8_t *rgb, const uint8_t *alpha,
                                          const uint8_t *behind, const uint8_t *parts, int side, uint8_t *torso);
 /* frame[side][side][3]: the person, or the head alone, over the background. */
 void ern_layer_frame(const uint8_t *rgb, const uint8_t *alpha, const uint8_t *behind, const uint8_t *parts,
                      const uint8_t *background, bool head_only, int side, uint8_t *frame);
 
-/* A network that finds a person: one picture of three channels in (NCHW), one or two channels out. */
+/* A network that segments a person: one picture of three channels in (NCHW), one or two channels out. */
 struct ern_person_network;
 ERN_NODISCARD ern_status ern_person_network_open(ern_context *context, const char *path,
                                                  struct ern_person_network **network);
 void ern_person_network_free(struct ern_person_network *network); /* accepts NULL */
-/* mask[side][side] 0..255. The first call finds out how the network wants its colours. */
+/* mask[side][side] 0..255. The first call determines the network's colour normalisation. */
 ERN_NODISCARD ern_status ern_person_network_run(struct ern_person_network *network, const uint8_t *rgb,
                                                 const struct ern_layer_face *face, int side, uint8_t *mask);
 
 /* The masks that the user supplied: a folder, or a network. */
 struct ern_supplied_masks;
 ERN_NODISCARD ern_status ern_supplied_masks_open(struct ern_prepare_job *job, struct ern_supplied_masks **masks);
-/* Whether all can be read; of a network, whether it can be opened. */
+/* Checks that all masks can be read, or that the network can be opened. */
 ERN_NODISCARD ern_status ern_supplied_masks_check(struct ern_prepare_job *job);
 void ern_supplied_masks_free(struct ern_supplied_masks *masks); /* accepts NULL */
 /* mask[side][side] 0..255 of the person; parts[side][side] where *has_parts. */

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * For the C++ files of the step "layers": no exception leaves them. */
+ * Shared by the C++ files of the step "layers". ern_layers_guarded turns exceptions into statuses. */
 #ifndef ERN_PREPARE_LAYERS_OPENCV_H
 #define ERN_PREPARE_LAYERS_OPENCV_H
 
@@ -20,18 +20,18 @@ extern "C" { /* C headers */
 #include "prepare/layers/layers.h"
 
 struct ern_person_example {
-  cv::Mat frame, small; /* RGB of side and of work */
-  /* of work, 255 where the person, and where the place behind it, is taken to be; both 0 where nothing is known */
+  cv::Mat frame, small; /* RGB, [side][side] and [work][work] */
+  /* [work][work], 255 where the pixel is taken as the person, and as the background; both 0: unknown */
   cv::Mat mask, place;
-  cv::Mat breast; /* of work, 255 where the body surely is */
-  cv::Mat motion; /* log odds of the person by motion, of work */
+  cv::Mat breast; /* [work][work], 255 where the pixel is certainly the body */
+  cv::Mat motion; /* [work][work], log odds of the person by motion */
   ern_layer_face face;
 };
 
-struct ern_person_reference { /* a frame that others are held against */
-  cv::Mat small;              /* CV_32FC3 of work */
+struct ern_person_reference { /* a frame that other frames are compared with */
+  cv::Mat small;              /* CV_32FC3 [work][work] */
   ern_layer_face face;
-  cv::Point2f body; /* where the body is from where it is at home, pixels of work */
+  cv::Point2f body; /* displacement of the body from `home`, pixels of work */
   bool body_known;
 };
 
@@ -39,20 +39,20 @@ struct ern_person_model {
   ern_context *context;
   int side, work;
   std::vector<ern_person_example> examples;
-  bool supplied; /* the examples' masks are the user's */
-  /* Of the place: background and what was seen of it (255) of side; small ones of work: CV_32FC3, noise CV_32F in grey
-   * values, and how far they are to be trusted, 0..1. `shown` is what the clip gets. */
+  bool supplied; /* the user supplied the examples' masks */
+  /* The background. [side][side]: background, seen (255 where an example shows it), shown (the clip's). [work][work]:
+   * small_background CV_32FC3, small_noise CV_32F in grey values, small_trust 0..1, the confidence in it. */
   cv::Mat background, seen, shown, small_background, small_noise, small_trust;
-  /* log densities of colours, 2 zones x 16 x 16 x 16 */
+  /* log densities of the colours of person and background, [2 zones][16][16][16] */
   std::vector<float> person, place;
-  /* log odds of the person, work x work, where the head is at `home` */
+  /* log odds of the person, [work][work], with the head at `home` */
   cv::Mat prior;
   ern_layer_face home;
-  /* of motion: grey picture and points of the breast at home */
+  /* for motion: grey picture and points of the chest with the head at `home` */
   std::vector<ern_person_reference> references;
   cv::Mat body_home;
   std::vector<cv::Point2f> body_points;
-  cv::Mat last; /* mask of the frame before */
+  cv::Mat last; /* mask of the previous frame */
   ern_layer_face last_face;
 };
 
@@ -76,19 +76,19 @@ ern_status ern_layers_guarded(ern_context *context, Work work) {
   return status;
 }
 
-/* mask, of work, as it is where the head is at `to` in place of `from`: rows of the head move with it, rows at the
- * bottom of the picture by a third. `outside` stands where nothing is known. */
+/* Warps mask [work][work] from the head's position in `from` to that in `to`: rows of the head move with it, rows at
+ * the bottom of the picture by a third. */
 cv::Mat ern_person_carry(const ern_person_model &model, const cv::Mat &mask, const ern_layer_face &from,
                          const ern_layer_face &to);
-/* Finds the background in the examples by their masks. */
+/* Estimates the background from the examples and their masks. */
 void ern_person_background(ern_person_model *model, const uint8_t *background, bool key, ern_person_found *found);
-/* Takes the examples as references for motion. */
+/* Stores the examples as references for motion. */
 void ern_person_motion_learn(ern_person_model *model);
 /* Log odds of the person in each pixel of work by motion against the references, -5..5. */
 cv::Mat ern_person_motion_odds(const ern_person_model &model, const cv::Mat &small, const ern_layer_face &face);
-/* How far the place moves between the examples. */
+/* Measures how far the background moves between the examples. */
 void ern_person_place_moves(const ern_person_model &model, ern_person_found *found);
-/* The points of a closed line, times `scale` about their centre. */
+/* The points of a closed polygon, scaled by `scale` about their centre. */
 std::vector<cv::Point> ern_layer_polygon(const float (*points)[2], int count, double scale);
 
 #endif

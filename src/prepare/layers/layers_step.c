@@ -14,11 +14,11 @@
 
 enum { EXAMPLES = 30, VOTES = 5, QUALITY = 95 };
 
-/* Metres: at the picture's lower edge, that far below the middle of the head or further, a person is wider than twice
- * half_shoulders. Half a head is 0.075 wide. */
+/* Metres. Where the picture's lower edge is shoulders_below or more under the middle of the head, a person is wider
+ * there than twice half_shoulders. Half a head is 0.075 wide. */
 static const double shoulders_below = 0.15, half_shoulders = 0.11;
 
-struct voter { /* a frame whose mask is found, and whose neighbours' may not be yet */
+struct voter { /* a frame with a mask, which waits for the masks of its neighbours */
   size_t frame;
   ern_image image;
   uint8_t *mask, *parts; /* [work][work], [side][side] */
@@ -31,14 +31,14 @@ struct layers {
   struct ern_supplied_masks *supplied;
   struct ern_person_model *model;
   struct ern_person_found found;
-  double place;             /* as of read_background() */
+  double place;             /* of read_background() */
   struct voter ring[VOTES]; /* frame f is at f % VOTES */
   uint8_t *mask, *voted, *alpha, *behind, *parts, *rgba;
-  /* of the frames so far */
+  /* over the frames so far */
   size_t border[16];
-  double covered, areas[3]; /* shares of the picture: the mean, and the last three frames' */
-  float *trembles;          /* [job->frames]: second differences of the area, over the area */
-  size_t low, narrow;       /* frames that reach down to the shoulders, and those of them with narrower ones */
+  double covered, areas[3]; /* the person's share of the picture: mean; last three frames */
+  float *trembles;          /* [job->frames]: relative second differences of the area in time (jitter) */
+  size_t low, narrow;       /* frames that show the shoulders; those of them that are too narrow */
 };
 
 static ern_status open_layers(struct layers *l, struct ern_prepare_job *job) {
@@ -96,14 +96,15 @@ static ern_status read_frame(const struct ern_prepare_job *job, size_t frame, er
   return ern_prepare_picture(job, name, 3, image);
 }
 
-/* To a hundredth. */
+/* Whether the aspect ratios agree to a hundredth. */
 static bool has_form(const ern_image *image, int width, int height) {
   const double across = (double)image->width * height, along = (double)image->height * width;
   return fabs(across - along) <= 0.01 * along;
 }
 
-/* The square that the clip shows, at the clip's side, of a picture in the form of the video; or of a square one.
- * *place: its pixels a side over the clip's, or over the video's where these are fewer. */
+/* Crops a background picture with the video's aspect ratio to the clip's square and scales it to the clip's side; a
+ * square picture is only scaled. *place: pixels of its square a side over the clip's, or over the video's where these
+ * are fewer. */
 static ern_status read_background(const struct ern_prepare_job *job, ern_image *background, double *place) {
   ern_status status = ERN_OK;
   ern_image whole = {0};
@@ -136,7 +137,7 @@ fail:
   return status;
 }
 
-/* The first pass. */
+/* The first pass: learns the model. */
 static ern_status learn(struct layers *l, size_t total) {
   struct ern_prepare_job *job = l->job;
   ern_status status = ERN_OK;
@@ -178,7 +179,7 @@ static ern_status write_parsing(struct layers *l, size_t frame) {
   return write_picture(l, "parsing", frame, "png", 3);
 }
 
-/* Shares of the picture, and how the person's area trembles. */
+/* Adds a frame to the shares of the picture and to the jitter of the person's area. */
 static void measure(struct layers *l, size_t frame) {
   const size_t pixels = (size_t)l->job->side * (size_t)l->job->side;
   double area = 0;
@@ -190,7 +191,7 @@ static void measure(struct layers *l, size_t frame) {
     l->trembles[frame] = (float)(fabs(area - 2 * l->areas[(frame - 1) % 3] + l->areas[(frame - 2) % 3]) / area);
 }
 
-/* Clothes that never move may be taken for the background: a person without shoulders. */
+/* Detects missing shoulders: clothes that never move may be learnt as the background. */
 static void measure_shoulders(struct layers *l, size_t frame) {
   static const double origin[3] = {0, 0, 0};
   const struct ern_layer_face *face = &l->faces[frame];
@@ -209,7 +210,7 @@ static void measure_shoulders(struct layers *l, size_t frame) {
   l->narrow += middle[0] - first < left || last - middle[0] < right;
 }
 
-/* The pictures of a frame whose neighbours' masks are in the ring. */
+/* Writes the pictures of a frame whose neighbours' masks are in the ring. */
 static ern_status finish(struct layers *l, size_t frame, size_t last) {
   struct ern_prepare_job *job = l->job;
   ern_status status = ERN_OK;
@@ -246,7 +247,7 @@ fail:
   return status;
 }
 
-/* The second pass. */
+/* The second pass: writes the pictures. */
 static ern_status cut_out(struct layers *l, size_t done, size_t total) {
   struct ern_prepare_job *job = l->job;
   ern_status status = ERN_OK;
@@ -302,8 +303,8 @@ static void check_shoulders(const struct layers *l) {
         l->narrow, l->low);
 }
 
-/* Figures and verdict. The bounds are those of footage that was looked at. covered: mean share of the picture that the
- * person takes; trembles[job->frames], which is sorted; border: colour distances along the border, bins of 16. */
+/* Figures and verdict; the bounds come from test footage. covered: mean share of the picture that the person covers;
+ * trembles[job->frames]: sorted in place; border: histogram of colour distances along the border, bins 16 wide. */
 static void check_person(struct ern_prepare_job *job, const struct ern_person_found *found, double covered,
                          float *trembles, const size_t border[16]) {
   size_t all = 0;

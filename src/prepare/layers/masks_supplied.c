@@ -8,8 +8,8 @@
 struct ern_supplied_masks {
   const struct ern_prepare_job *job;
   struct ern_person_network *network; /* NULL: a folder */
-  bool coloured;                      /* the folder's files have AD-NeRF's colours, else they are grey */
-  size_t told_by;                     /* the first frame whose file says which */
+  bool coloured;                      /* the files have AD-NeRF's colours; false: they are grey */
+  size_t told_by;                     /* the first frame whose file decides that */
 };
 
 /* The part of a colour of AD-NeRF's parsing, -1 for any other colour. */
@@ -53,7 +53,8 @@ fail:
   return status;
 }
 
-/* White is the background of a folder in colours, and the person of one in grey. */
+/* Detects whether the folder's files are coloured or grey. White means background in coloured files, and person in grey
+ * files. */
 static ern_status detect_form(struct ern_supplied_masks *masks) {
   ern_status status = ERN_OK;
   ern_image image = {0};

@@ -1,12 +1,13 @@
 /* SPDX-License-Identifier: MIT
- * The edge of the person at the clip's side: how much of a pixel the person covers, from the colours on both sides. */
+ * Alpha matting of the person's edge at the clip's resolution: the share of a pixel that the person covers, from the
+ * colours on both sides. */
 #include <cmath>
 
 #include "prepare/layers/layers_opencv.h"
 
 namespace {
 
-/* Means of the picture over squares, where the mask is; 0 where it is nowhere. */
+/* Means of the picture over the masked pixels of squares; 0 where a square has none. */
 cv::Mat means(const cv::Mat &picture, const cv::Mat &mask, int size) {
   cv::Mat weight, three, sum;
   mask.convertTo(weight, CV_32F, 1.0 / 255);
@@ -22,7 +23,8 @@ float length_of(const cv::Vec3f &a) { return std::sqrt(a.dot(a)); }
 
 float between(float low, float value, float high) { return std::max(low, std::min(high, value)); }
 
-/* The share of the person F in a pixel C before B. Where B was seen, whatever is not B is the person. */
+/* The person's share (alpha) of a pixel of colour C, with foreground F and background B. Where B was seen in an
+ * example, any other colour is the person. */
 float share(const cv::Vec3f &c, const cv::Vec3f &f, const cv::Vec3f &b, bool seen, float noise) {
   const cv::Vec3f whole = f - b, part = c - b;
   const float far = length_of(whole);

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * The person in a frame, on small pictures. Examples from the whole clip are cut out by GrabCut around the projected
- * head; what they teach (colours, places, background) decides every frame by one graph cut. */
+ * Segments the person on small pictures. GrabCut segments examples from the whole clip around the projected head. The
+ * colours, positions and background learnt from them segment every frame by one graph cut. */
 #include "prepare/layers/layers_opencv.h"
 
 #include <algorithm>
@@ -17,13 +17,13 @@ constexpr double SKULL = 0.92, HAIR = 1.5; /* of the projected ellipsoid */
 constexpr float COLOUR_LIMIT = 6, LAST_FRAME = 1, SMOOTHNESS = 5, OTHER = 0.15F, STANDS_STILL = 4;
 constexpr double STILL_SHARE = 0.2; /* of the examples */
 
-/* Dark colours lie closer: the bins are equal in the root of a value. */
+/* The histogram bin of a colour. Bins are uniform in the square root of a value, as dark colours lie closer. */
 size_t bin_of(const cv::Vec3b &c) {
   size_t bin = 0;
   for (int i = 0; i < 3; i++) bin = bin * BINS + std::min(size_t{BINS - 1}, size_t(std::sqrt(float(c[i]) + 0.5F)));
   return bin;
 }
-/* How many colours a bin holds: that of root r has 2 r + 1 values along each axis. */
+/* The number of colours of a bin: bin r has 2 r + 1 values along each axis. */
 double colours_of(size_t bin) {
   double count = 1;
   for (int i = 0; i < 3; i++, bin /= BINS) count *= 2 * double(bin % BINS) + 1;
@@ -34,13 +34,13 @@ cv::Mat disk(int radius) {
   return cv::getStructuringElement(cv::MORPH_ELLIPSE, cv::Size(2 * radius + 1, 2 * radius + 1));
 }
 
-/* Points of the clip's pictures as a filled polygon of a small one. */
+/* Fills a polygon, given in pixels of the clip, in a small mask. */
 void fill(cv::Mat &mask, std::vector<cv::Point> polygon, double shrink, int value) {
   for (cv::Point &p : polygon) p = cv::Point(cvRound(p.x * shrink), cvRound(p.y * shrink));
   cv::fillPoly(mask, std::vector<std::vector<cv::Point>>{polygon}, value);
 }
 
-/* The face between jaw and brows, a little smaller than it is. */
+/* The polygon of the face between jaw and brows, scaled. */
 std::vector<cv::Point> face_polygon(const ern_layer_face &face, double scale) {
   float points[27][2];
   for (int k = 0; k < 17; k++) std::copy(face.points[k], face.points[k] + 2, points[k]);
@@ -48,7 +48,8 @@ std::vector<cv::Point> face_polygon(const ern_layer_face &face, double scale) {
   return ern_layer_polygon(points, 27, scale);
 }
 
-/* The outline of the head: the projected one times `scale` above the ears, the jaw's landmarks times `jaw` below. */
+/* The outline of the head: the projected one scaled by `scale` above the ears, the jaw's landmarks scaled by `jaw`
+ * below. */
 std::vector<cv::Point> head_of(const ern_layer_face &face, double scale, double jaw) {
   float points[ERN_LAYER_OUTLINE + 15][2];
   const float *left = face.points[1], *right = face.points[15];
@@ -78,8 +79,8 @@ std::vector<cv::Point> shoulders(const ern_layer_face &face, double out, double 
           {middle + step, high},      {middle - step, high},      {middle - step - far, low}};
 }
 
-/* What is sure before any colour is known: skull, face and the breast below it, and the place above the shoulders and
- * away from the head. */
+/* Marks the pixels that are certain before any colour is known: skull, face and chest as person; the area above the
+ * shoulders and away from the head as background. */
 void seed(const ern_person_model &model, ern_person_example &example) {
   const int n = model.work;
   const double shrink = double(n) / model.side;
@@ -94,7 +95,7 @@ void seed(const ern_person_model &model, ern_person_example &example) {
   fill(example.place, head_of(example.face, HAIR, HAIR), shrink, 0);
 }
 
-/* How likely a pixel is the person's, in percent, by where the head is alone. */
+/* The prior probability, in percent, that a pixel is the person, from the head's position alone. */
 cv::Mat likely(const ern_person_model &model, const ern_layer_face &face) {
   const double shrink = double(model.work) / model.side;
   cv::Mat percent(model.work, model.work, CV_8U, cv::Scalar(3));
@@ -109,8 +110,8 @@ cv::Mat likely(const ern_person_model &model, const ern_layer_face &face) {
   return percent;
 }
 
-/* What a mask teaches of the place: all but the person and `margin` pixels around it; never what lies close to head and
- * neck, so that a part of the person that was missed is not learnt as the place. */
+/* The pixels of an example that are learnt as background: all but the person, `margin` pixels around it, and the
+ * surroundings of head and neck, so that a missed part of the person is not learnt as background. */
 cv::Mat around(const ern_person_model &model, const cv::Mat &mask, const ern_layer_face &face, int margin) {
   const double shrink = double(model.work) / model.side;
   cv::Mat wide;
@@ -120,7 +121,7 @@ cv::Mat around(const ern_person_model &model, const cv::Mat &mask, const ern_lay
   return wide == 0;
 }
 
-/* The place that stands still in many examples is learnt close to the head as well, where the mask leaves it. */
+/* Pixels outside the masks that are static in many examples are learnt as background close to the head as well. */
 void learn_static(ern_person_model *model) {
   const size_t count = model->examples.size();
   cv::Mat often(model->work, model->work, CV_8U, cv::Scalar(0));
@@ -130,7 +131,7 @@ void learn_static(ern_person_model *model) {
     example.place.setTo(255, steady & (example.motion < -STANDS_STILL) & (example.mask == 0));
 }
 
-/* Only what hangs together with the face stays, and small holes are filled. */
+/* Keeps the connected component of the face and fills small holes. */
 void tidy(const ern_person_model &model, const ern_layer_face &face, cv::Mat &mask) {
   const double shrink = double(model.work) / model.side;
   cv::Mat core(mask.size(), CV_8U, cv::Scalar(0)), labels, stats, centres;
@@ -166,12 +167,13 @@ cv::Mat small_mask(const ern_person_model &model, const uint8_t *mask) {
   return small >= 128;
 }
 
-/* Above the chin and below it a picture has other colours: zone 0 or 1 of a row. */
+/* The zone of a row, 0 above the chin, 1 below it: their colours differ. */
 int zone_of(const ern_person_model &model, const ern_layer_face &face, int row) {
   return row * double(model.side) / model.work > face.points[8][1] ? 1 : 0;
 }
 
-/* log density of colours in the examples, in the person or outside, of a zone and, by OTHER, of the other one. */
+/* Log density of the examples' colours, of the person or the background, in a zone; the other zone counts with weight
+ * OTHER. */
 void colours(const ern_person_model &model, bool person, int zone, std::vector<float> &logs) {
   std::vector<float> bins(size_t{BINS} * BINS * BINS, 0), next(bins.size());
   double total = 0;
@@ -198,7 +200,8 @@ void colours(const ern_person_model &model, bool person, int zone, std::vector<f
     logs.push_back(float(std::log(0.98 * bins[i] / std::max(total, 1.0) / colours_of(i) + 0.02 / (256.0 * 256 * 256))));
 }
 
-/* How often the person is where, as log odds, the head being at home; half of it by what the head tells alone. */
+/* Learns the log odds of the person at each pixel, with the head at `home`; half of the probability is the prior of
+ * likely(). */
 void learn_places(ern_person_model *model, bool first) {
   cv::Mat sum(model->work, model->work, CV_32F, cv::Scalar(0)), odds, moved;
   model->home = model->examples[model->examples.size() / 2].face;
@@ -224,7 +227,7 @@ cv::Mat odds_of(const ern_person_model &model, const cv::Mat &small, const ern_l
       const size_t bin = zone + bin_of(c);
       double place = std::exp(double(model.place[bin]));
       const double trust = 0.97 * model.small_trust.at<float>(y, x);
-      if (trust > 0.01) { /* a narrow density about the colour that the place has here */
+      if (trust > 0.01) { /* a narrow density around the background's colour at this pixel */
         const double sigma = model.small_noise.at<float>(y, x);
         const cv::Vec3f b = model.small_background.at<cv::Vec3f>(y, x);
         double d = 0;
@@ -238,7 +241,8 @@ cv::Mat odds_of(const ern_person_model &model, const cv::Mat &small, const ern_l
   return odds;
 }
 
-/* The labels that minimise sum of odds and, between neighbours, SMOOTHNESS exp(-beta |c - c'|^2) / distance. */
+/* Graph cut: the labels that minimise the sum of odds and, between neighbours, SMOOTHNESS exp(-beta |c - c'|^2) /
+ * distance. */
 cv::Mat cut(const cv::Mat &small, const cv::Mat &odds) {
   static const int to[4][2] = {{1, 0}, {0, 1}, {1, 1}, {-1, 1}};
   const int n = small.rows;

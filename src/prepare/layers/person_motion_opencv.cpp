@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * What motion tells of the person: where texture stands still while head or body has moved, it is the place. */
+ * Motion cue of the segmentation: texture that stays still while head or body moves is background. */
 #include <algorithm>
 #include <cmath>
 #include <opencv2/video.hpp>
@@ -10,11 +10,11 @@ namespace {
 
 enum { GRID = 4, REFERENCES = 12 };
 constexpr float NOISE = 4;      /* grey values, of a mean over 3 x 3 pixels of work after compression */
-constexpr float ALIKE = 1.5F;   /* the most unlikeness of pictures of the same surface */
-constexpr float FAR = 0.01F;    /* of the picture: less motion tells nothing */
-constexpr float BEND = 0.0125F; /* of the picture: a body bends; it tells nothing where it moves less */
+constexpr float ALIKE = 1.5F;   /* the greatest unlikeness() of pictures of the same surface */
+constexpr float FAR = 0.01F;    /* in sides of the picture: smaller motion is ignored */
+constexpr float BEND = 0.0125F; /* in sides of the picture: smaller motion of the body is ignored, as a body bends */
 constexpr float EVIDENCE = 5;   /* log odds where motion is sure */
-constexpr float OUTWEIGHS = 3;  /* references in which a pixel moves with the person by one in which it stands still */
+constexpr float OUTWEIGHS = 3;  /* a reference in which a pixel stands still outweighs so many in which it moves */
 
 cv::Mat grey_of(const cv::Mat &small) {
   cv::Mat grey;
@@ -28,8 +28,8 @@ float median_of(std::vector<float> &values) {
   return *middle;
 }
 
-/* How far the body lies from where it is at home, pixels of work: the median of the points of the breast. Without
- * enough points *known is false. */
+/* The body's displacement from `home`, pixels of work: the median over the points of the chest. *known is false without
+ * enough points. */
 cv::Point2f body_of(const ern_person_model &model, const cv::Mat &small, bool *known) {
   *known = model.body_points.size() >= 8;
   if (!*known) return cv::Point2f(0, 0);
@@ -55,8 +55,8 @@ cv::Mat unlikeness(const cv::Mat &d, int size) {
   return sum;
 }
 
-/* How far each pixel moves, CV_32FC2 in pixels of work, if it is the head's that moved from `from` to `to`. Motion is
- * smooth: it is found on a grid of GRID pixels. */
+/* The motion of each pixel, CV_32FC2 in pixels of work, if it belongs to the head, which moved from `from` to `to`.
+ * Motion is smooth, so it is computed on a grid of GRID pixels. */
 cv::Mat head_motion(const ern_person_model &model, const ern_layer_face &from, const ern_layer_face &to) {
   const double shrink = double(model.work) / model.side;
   const int n = model.work, nodes = (n + GRID - 1) / GRID;
@@ -73,14 +73,14 @@ cv::Mat head_motion(const ern_person_model &model, const ern_layer_face &from, c
   return motion(cv::Rect(0, 0, n, n)).clone();
 }
 
-/* What the person's motions say of a reference: how unlike the picture is to it at best, and how far the least of them
- * goes, pixels of work. */
+/* A reference compared along the person's possible motions: the least unlikeness, and the length of the shortest
+ * motion, pixels of work. */
 struct moved {
   cv::Mat unlike, far;
 };
 
-/* Adds a motion, CV_32FC2, for the rows from `top` to `bottom`. A motion is known to a pixel or two: what lies between
- * the least and the greatest value of the pixels around is alike. */
+/* Adds a motion, CV_32FC2, for the rows from `top` to `bottom`. A motion is accurate to a pixel or two: a value between
+ * the least and the greatest of the surrounding pixels counts as alike. */
 void add_motion(const cv::Mat &picture, const cv::Mat &reference, const cv::Mat &motion, int top, int bottom,
                 struct moved *moved) {
   const int n = picture.rows;
@@ -107,8 +107,9 @@ void add_motion(const cv::Mat &picture, const cv::Mat &reference, const cv::Mat 
   cv::min(unlike, unlikeness(d, 3), unlike);
 }
 
-/* Head above the shoulders, body below the neck, either between. The shoulders of a person who leans to the camera
- * reach above the chin. What is seen of the head moves with its surface, or, at its outline, with its middle. */
+/* Rows above the shoulders move with the head, rows below the neck with the body, rows between with either. The
+ * shoulders of a person who leans towards the camera reach above the chin. Pixels of the head move with its surface or,
+ * at its outline, with its centre. */
 struct moved person_motion(const ern_person_model &model, const cv::Mat &picture, const ern_layer_face &face,
                            const ern_person_reference &r, const cv::Point2f &body) {
   const int n = model.work;
@@ -146,10 +147,10 @@ void ern_person_motion_learn(ern_person_model *model) {
   }
 }
 
-/* In each reference in which the person has moved, a pixel is the place's if its surroundings are as they were, and the
- * person's if they are as the person's motion has them. The place beside the head is often covered, the person never
- * stands still: so one reference in which a pixel stands still outweighs several in which it does not. A reference
- * that is alike in neither way, as of a part that turns or bends, tells nothing. */
+/* For each reference since which the person has moved, a pixel votes for the background if its surroundings are
+ * unchanged, and for the person if they match along the person's motion. The background beside the head is often
+ * covered, but the person never stands still: so one reference in which a pixel stands still outweighs several in which
+ * it does not. A reference that matches in neither way, as where a part turns or bends, does not vote. */
 cv::Mat ern_person_motion_odds(const ern_person_model &model, const cv::Mat &small, const ern_layer_face &face) {
   const int n = model.work;
   cv::Mat odds(n, n, CV_32F, cv::Scalar(0)), counts = odds.clone(), picture;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * A person's mask by a network that the user supplies as an ONNX file, on OpenCV's DNN module. */
+ * Segments the person by a network that the user supplies as an ONNX file, by OpenCV's DNN module. */
 #include <cmath>
 
 #include "prepare/layers/layers_opencv.h"
@@ -24,13 +24,13 @@ struct ern_person_network {
   std::string path;
   cv::dnn::Net net;
   ern_onnx look;
-  int way;    /* of `ways`, -1: not known */
-  bool other; /* the person is the other channel, or what is low */
+  int way;    /* index of `ways`, -1: not determined yet */
+  bool other; /* the person is the other channel, or has the low values */
 };
 
 namespace {
 
-/* Probability of the person by one way; CV_32F of the network's size. */
+/* Probability of the person with one colour normalisation; CV_32F of the network's size. */
 cv::Mat run(ern_person_network &network, const cv::Mat &frame, const ern_network_colours &way) {
   const int *size = network.look.shape;
   cv::Mat small;
@@ -59,7 +59,7 @@ cv::Mat run(ern_person_network &network, const cv::Mat &frame, const ern_network
   return mask;
 }
 
-/* Mean over the head less the mean over what lies far above and beside it. */
+/* Mean of the mask over the head minus its mean far above and beside the head. */
 double tells(const cv::Mat &mask, const ern_layer_face &face, int side) {
   cv::Mat whole, head(side, side, CV_8U, cv::Scalar(0)), far(side, side, CV_8U, cv::Scalar(255));
   cv::resize(mask, whole, cv::Size(side, side), 0, 0, cv::INTER_LINEAR);
