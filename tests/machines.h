@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
- * One slot on everything that this machine can compute with: the reference, each instruction set, and the OpenCL device
- * in both forms of its kernels. Number 0 is what the others are held against: the reference in float, or in double.
- * Arrays lie between guards. They are filled with, and surrounded by, a NaN of our own. */
+ * Runs one slot on every compute unit of this computer: the reference, each instruction set, and the OpenCL device with
+ * both forms of its kernels. Number 0 is the reference for the others, in float or in double. Arrays lie between
+ * guards. They are filled with, and surrounded by, a special NaN ("poison"). */
 #ifndef ERN_TEST_MACHINES_H
 #define ERN_TEST_MACHINES_H
 
@@ -24,13 +24,13 @@ struct many_rows {
   ern_rows on[MACHINES];
 };
 
-/* Which machines are wanted. NULL: all. */
+/* The requested machines (compute units). NULL: all. */
 struct machines_wish {
-  bool in_double; /* number 0 is the double build, number 1 the float one */
-  bool bf16;      /* avx512bf16 too, which is avx512 in all but rendered networks */
+  bool in_double; /* number 0 is the double build, number 1 the float build */
+  bool bf16;      /* also avx512bf16, which differs from avx512 only in rendered networks */
   const char *isa;
   const char *backend; /* "cpu", "opencl" */
-  void (*more)(void);  /* adds others, unless one instruction set or a device is wanted; NULL: none */
+  void (*more)(void);  /* adds others, unless one instruction set or a device is requested; NULL: none */
 };
 
 struct machines {
@@ -43,7 +43,7 @@ struct machines {
   size_t spans;
   uint64_t seed;         /* of all random numbers of a run; 0 unless asked for */
   size_t checks;         /* arrays of machines other than number 0 that were compared */
-  double peak[MACHINES]; /* operations a second, where kernelcheck's harness has measured them; 0: not */
+  double peak[MACHINES]; /* operations a second, measured by kernelcheck's harness; 0: not measured */
   void *held[4096];      /* memory that machines_clear frees */
   size_t holds;
 };
@@ -52,12 +52,12 @@ extern struct machines machines;
 #define EACH_MACHINE(k) for (int k = 0; k < machines.count; k++)
 #define EACH_OTHER(k) for (int k = 1; k < machines.count; k++)
 
-/* What this machine has of the wish. */
+/* Opens the machines of the wish that this computer has. */
 void machines_open_as(const struct machines_wish *wish);
-/* All of them, number 0 in double. Says what it found, so that a log tells what was checked. */
+/* Opens all of them, number 0 in double, and prints them, so that a log shows what was checked. */
 void machines_open_on(bool devices);
 void machines_add(const char *name, const char *isa, const char *form);
-/* Frees the arrays, and the memory of held_memory, that were made since machines_open; or since a mark. */
+/* Free the arrays, and the memory of held_memory, that were created since machines were opened, or since a mark. */
 struct machines_mark {
   size_t spans, holds;
 };
@@ -69,20 +69,20 @@ int open_machines(void **state); /* for cmocka_run_group_tests */
 int close_machines(void **state);
 bool is_device(int k); /* one of OpenCL */
 bool in_double(int k);
-/* The kernels that the slots of machine k call; NULL of a device and of the double build. */
+/* The kernels that the slots of machine k call; NULL for a device and for the double build. */
 struct ern_cpu_kernels;
 const struct ern_cpu_kernels *kernels_of(int k);
-/* The elements of a span as such a kernel sees them. */
+/* The elements of a span in the memory of such a kernel. */
 float *host_reals(int k, ern_span span);
 void *host_memory(int k, ern_span span); /* of integers and bytes too */
 
-/* Waits for a slot of machine k that returned `status`; anything but ERN_OK is a fault. */
+/* Waits for a slot of machine k that returned `status`; fails the test unless it is ERN_OK. */
 void machines_done(int k, const char *slot, ern_status status);
-/* The slot on one of them, and on all; args: an array by machine. */
+/* Run the slot on one machine, or on all; args: one for each machine. */
 #define RUN_ON(k, slot, args) machines_done(k, #slot, machines.backend[k]->slot(machines.stream[k], args))
 #define RUN(slot, args) \
   EACH_MACHINE (k_) RUN_ON(k_, slot, &(args)[k_])
-/* The slot on all of them; `call` is an expression of k that gives its arguments. */
+/* Runs the slot on all machines; the last argument is an expression of k for the slot's arguments. */
 #define ON_EACH(slot, type, ...)     \
   EACH_MACHINE (k) {                 \
     struct type args_ = __VA_ARGS__; \
@@ -93,7 +93,7 @@ void machines_done(int k, const char *slot, ern_status status);
 
 float machines_poison(void);
 bool is_poison(float value);
-/* Memory of zeros until machines_clear. */
+/* Zeroed memory that lives until machines_clear. */
 void *held_memory(size_t count, size_t bytes);
 
 void machines_fill(int k, ern_span whole, const void *values, ern_element element);
@@ -108,9 +108,9 @@ static inline struct many many_int32s(const int32_t *values, size_t count) {
 }
 static inline struct many many_empty(size_t count) { return many_of(ERN_ELEMENT_REAL, NULL, count); }
 struct many many_zeros(size_t count);
-/* Inputs that end where their memory does, so that a sanitizer sees what is read past them. */
+/* Inputs that end at the end of their memory, so that a sanitizer detects reads past them. */
 struct many many_exact(ern_element element, const void *values, size_t count);
-/* Other values for what is there. */
+/* Overwrites values. */
 void many_set(struct many span, size_t at, const float *values, size_t count);
 
 /* `rows` rows of n values, [rows][n], without room between them. */
@@ -123,21 +123,22 @@ static inline struct many of_rows(struct many_rows rows) {
   return made;
 }
 
-/* What machine k has there, in double: [count] with MACHINE_GUARD before and after it, which must be whole. The caller
- * frees. */
+/* The values of machine k in double: [count], with MACHINE_GUARD values before and after, which must be intact. The
+ * caller frees them. */
 double *many_values(int k, struct many span);
 int32_t *many_int32_values(int k, struct many span); /* [count]; the caller frees */
-/* The same within whole guards, [count], until machines_clear. Of a machine other than number 0: a check. */
+/* The values of machine k, [count], within intact guards; valid until machines_clear. Counts as a check for machines
+ * other than number 0. */
 const float *floats_of(int k, struct many span);
 const int32_t *int32s_of(int k, struct many span);
 const uint8_t *bytes_of(int k, struct many span);
 
-/* ---- what is expected ---- */
+/* ---- expectations ---- */
 
 /* Equal numbers, NaN with NaN, or |found - expected| <= relative |expected| + absolute; poison with poison alone. */
 bool is_near(float found, float expected, double relative, double absolute);
-bool same_bits(float found, float expected); /* which NaN comes of an operation is not synchronized */
-/* Each other machine as number 0. */
+bool same_bits(float found, float expected); /* but NaN equals NaN: machines differ in which NaN an operation gives */
+/* Each other machine must give the values of number 0. */
 void expect_bits(const char *what, struct many span);
 void expect_near(const char *what, struct many span, double relative, double absolute);
 void expect_near_on(int k, const char *what, struct many span, double relative, double absolute);
@@ -148,17 +149,17 @@ double distance_of(int k, struct many span);
 
 /* All values on all machines are finite and in [low, high]. */
 void expect_within(const char *what, struct many span, double low, double high);
-/* Each as in double, but for relative |expected| + absolute; NaN where that has NaN, infinite where that is or does not
- * fit a float. */
+/* Each machine must give the values of the double build within relative |expected| + absolute; NaN where it has NaN,
+ * infinite where it is infinite or does not fit a float. */
 void expect_truth(const char *what, struct many span, double relative, double absolute);
-/* The same integers everywhere, in [low, high]. */
+/* All machines must give the same integers, in [low, high]. */
 void expect_int32s(const char *what, struct many span, int32_t low, int32_t high);
-/* Value `at` on all machines: `expected` but for `absolute`, or NaN where NaN is expected. */
+/* Value `at` on all machines must be `expected` within `absolute`, or NaN if NaN is expected. */
 void expect_at(const char *what, struct many span, size_t at, double expected, double absolute);
 
 /* ---- random numbers, the same for the same (seed, at) ---- */
 
-uint64_t machines_seed(uint64_t seed); /* another one in each run of another seed */
+uint64_t machines_seed(uint64_t seed); /* derived from the seed of the run */
 struct ern_random words_at(uint64_t seed, uint64_t step, size_t at);
 float machines_random(uint64_t seed, size_t at, float scale); /* [-scale, scale) */
 

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * A clip in memory, and trainings on it. */
+ * A synthetic clip in memory, and trainings on it. */
 #ifndef ERN_TESTS_MADE_CLIP_H
 #define ERN_TESTS_MADE_CLIP_H
 
@@ -10,7 +10,8 @@
 
 enum { SIDE = 20, FRAMES = 4, WINDOWS = 6, WIDTH = 5 };
 
-/* A clip in memory: noise that differs by frame, seen by cameras that swing a little. */
+/* A clip in memory: the pixels are a different pattern in each frame; the camera rotates slightly from frame to frame.
+ */
 struct made {
   ern_context *context;
   ern_backend *backend;
@@ -19,7 +20,7 @@ struct made {
   float speech[WINDOWS * 16 * WIDTH];
   uint8_t background[SIDE * SIDE * 3], truth[FRAMES][SIDE * SIDE * 3], torso[FRAMES][SIDE * SIDE * 4];
   ern_box lips, lower_face, eyes; /* of every frame */
-  float poison;                   /* what the eye value of every frame becomes where it is not 0 */
+  float poison;                   /* if not 0, replaces the eye value of every frame */
 };
 
 static inline ern_status made_frame(void *user, int split, size_t index, ern_dataset_frame *frame) {
@@ -86,7 +87,7 @@ static inline ern_train_config small_config(uint64_t iters, const char *output) 
   config.rays = 96;
   config.levels = 4;
   config.output = output;
-  config.overwrite = true; /* many tests train to one name again */
+  config.overwrite = true; /* many tests train repeatedly to one name */
   config.threads = 2;
   config.ema_every = 2;
   config.save_every = 0;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * Weights for LPIPS that are made up: an AlexNet of torchvision's shapes, and heads for it. */
+ * Random weights for LPIPS: an AlexNet with torchvision's shapes, and heads for it. */
 #ifndef ERN_TESTS_MADE_LPIPS_H
 #define ERN_TESTS_MADE_LPIPS_H
 
@@ -32,8 +32,8 @@ static inline void made_tensor(struct ern_tensor *tensor, char *name, const size
   tensor->data = values;
 }
 
-/* The files of the network and of the heads; `wrong` 1: a head too short, 2: a value that is not finite, 3: a tensor
- * missing, else nothing. */
+/* Writes the files of the network and of the heads. `wrong`: 1: a head is too short, 2: a value is not finite, 3: a
+ * tensor is missing, else both are valid. */
 static inline void made_lpips(const char *network, const char *heads, int wrong) {
   ern_context *context = support_context();
   struct ern_tensor tensor[MADE_TENSORS], head[MADE_CONVOLUTIONS];

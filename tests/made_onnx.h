@@ -125,9 +125,9 @@ static inline void made_onnx(const char *path, struct made_message *graph) {
   free(model.bytes);
 }
 
-/* A convolution over a wave: rows[r][q] = sum_k weight[q][k] x[r hop + k], which is the output "rows". */
+/* A 1D convolution over samples, with the output "rows": rows[r][q] = sum_k weight[q][k] x[r hop + k]. */
 struct made_convolution {
-  size_t samples, hop, span, width; /* span: samples that a row looks at */
+  size_t samples, hop, span, width; /* span: samples of a row's window */
   const float *weight;              /* [width][span] */
 };
 

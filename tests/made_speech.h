@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * Speech features that nobody said, with silence where a test wants it. */
+ * Synthetic speech features, with silence where a test needs it. */
 #ifndef ERN_TESTS_MADE_SPEECH_H
 #define ERN_TESTS_MADE_SPEECH_H
 
@@ -22,8 +22,8 @@ static inline float made_noise(uint32_t seed, size_t i) {
   return 2 * ern_uniform(ern_random_at(seed, (uint32_t)i, 0, ERN_RNG_INIT).word[0]) - 1;
 }
 
-/* Frames [silent[k], silent[k + 1]) for even k say nothing: there every vector is a fixed one, elsewhere another value
- * is high in each, and all have noise. The list ends with MADE_FRAMES. */
+/* Frames [silent[k], silent[k + 1]) for even k are silent: all their vectors are the same. In each other frame a
+ * different value is high. Noise is added to all. The list ends with MADE_FRAMES. */
 static inline void made_speech(struct made_speech *s, int length, int width, uint32_t seed, const int *silent) {
   const size_t vectors = (size_t)MADE_FRAMES * (size_t)length;
   *s = (struct made_speech){.features = {.windows = MADE_FRAMES, .window_length = length, .width = width}};

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * What the tests share: a context, a place for files, and a look at the words of an error. */
+ * Shared code of the tests: a context, files of a test, and checks of error messages. */
 #ifndef ERN_TESTS_SUPPORT_H
 #define ERN_TESTS_SUPPORT_H
 
@@ -41,7 +41,7 @@ static inline void support_write(const char *path, const void *bytes, size_t cou
 
 static inline void support_write_text(const char *path, const char *text) { support_write(path, text, strlen(text)); }
 
-/* The status, and that the last error holds each of the words; the list ends with NULL. */
+/* Checks the status, and that the last error contains each of the texts; the list ends with NULL. */
 static inline void support_expect(const ern_context *context, ern_status found, ern_status expected, ...) {
   if (found != expected) {
     fail_msg("status %s, expected %s: %s", ern_status_name(found), ern_status_name(expected), ern_last_error(context));
@@ -56,20 +56,20 @@ static inline void support_expect(const ern_context *context, ern_status found, 
   va_end(words);
 }
 
-/* Skips the test where ERNERF_SHARED is unset; before anything is made that would be left over. */
+/* Skips the test if ERNERF_SHARED is unset; call it before anything is created that would be left over. */
 static inline void support_needs_shared(void) {
   const char *shared = getenv("ERNERF_SHARED");
   if (shared == NULL || shared[0] == 0) skip();
 }
 
-/* ERNERF_SHARED/NAME in `path`, or the test is skipped where it is unset. */
+/* path = ERNERF_SHARED/NAME; skips the test if that is unset. */
 static inline void support_shared(const char *name, char path[1024]) {
   const char *shared = getenv("ERNERF_SHARED");
   if (shared == NULL || shared[0] == 0) skip();
   snprintf(path, 1024, "%s/%s", shared, name);
 }
 
-/* ERN_OK, or the test fails in the library's own words. */
+/* Fails the test with the library's error message unless the status is ERN_OK. */
 static inline void support_ok(const ern_context *context, ern_status found) {
   if (found != ERN_OK) fail_msg("status %s: %s", ern_status_name(found), ern_last_error(context));
 }
@@ -95,7 +95,7 @@ struct support_meter {
 static inline void *support_meter_allocate(void *user, size_t bytes, size_t alignment) {
   struct support_meter *meter = (struct support_meter *)user;
   if (++meter->count == meter->refuse_at) return NULL;
-  const size_t sizes[2] = {bytes, alignment}; /* stand right before the block, for release */
+  const size_t sizes[2] = {bytes, alignment}; /* stored directly before the block, for release */
   assert_true(alignment >= sizeof sizes);
   uint8_t *block = (uint8_t *)aligned_alloc(alignment, bytes + alignment);
   if (block == NULL) return NULL;
@@ -123,13 +123,13 @@ static inline ern_context *support_metered_context(struct support_meter *meter) 
   return context;
 }
 
-/* Refuses each allocation of `work` in turn: it must say ERN_E_NO_MEMORY, or do with less, and leave nothing behind; at
- * last it gets to the end without the refused one. */
+/* Refuses each allocation of `work` in turn: it must return ERN_E_NO_MEMORY, or succeed without it, and leak nothing.
+ * Ends when `work` makes fewer allocations than the refused number. */
 static inline void support_refuse_each(ern_status (*work)(ern_context *context)) {
   struct support_meter meter = {0};
   ern_context *context = support_metered_context(&meter);
   const size_t empty = meter.now;
-  size_t refused = 0; /* of them, those that could not be done without */
+  size_t refused = 0; /* number of refusals that made `work` fail */
   for (size_t at = 1; at == 1 || meter.count >= meter.refuse_at; at++) {
     meter.count = 0;
     meter.refuse_at = at;

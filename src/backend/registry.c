@@ -15,7 +15,7 @@ enum { CONFIG_COOKIE = 0x45524e38, TEXT_BYTES = 128 };
 
 void ern_backend_config_fill(ern_backend_config *config, size_t bytes) {
   const ern_backend_config own = {.cookie = CONFIG_COOKIE, .name = "auto", .isa = "auto", .device = 0};
-  ern_config_give(config, bytes, &own, sizeof own);
+  ern_config_copy_out(config, bytes, &own, sizeof own);
 }
 
 /* bf16 is the default where it is measured to be faster, on the condition that it costs a rendered frame less than 0.05
@@ -51,7 +51,7 @@ ern_status ern_backend_create(ern_backend **backend, ern_context *context, const
   ern_backend_config chosen = ern_backend_config_default();
   ern_isa isa = ERN_ISA_REF;
   ern_status status = ERN_OK;
-  if (config != NULL) ERN_TRY(ERN_TAKE_CONFIG(context, ern_backend_config, &chosen, config));
+  if (config != NULL) ERN_TRY(ERN_COPY_IN_CONFIG(context, ern_backend_config, &chosen, config));
   if (chosen.name != NULL && strcmp(chosen.name, "opencl") == 0) {
     /* the device has no instruction set, but an unknown name is an error */
     if (chosen.isa != NULL && strcmp(chosen.isa, "auto") != 0) {
@@ -88,7 +88,7 @@ void ern_backend_describe_sized(const ern_backend *backend, ern_backend_info *in
                              .deterministic = backend->deterministic,
                              .threads = cores < ERN_THREADS_MOST ? cores : ERN_THREADS_MOST};
   }
-  ern_struct_give(info, bytes, &own, sizeof own);
+  ern_struct_copy_out(info, bytes, &own, sizeof own);
 }
 
 void ern_backend_tuning(const ern_backend *backend, void (*say)(void *user, const ern_tuning *tuning), void *user) {

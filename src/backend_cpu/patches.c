@@ -32,8 +32,8 @@ ern_status ERN_REF(ern_cpu_patch_loss)(struct ern_stream *stream, struct ern_pat
   ern_status status = ERN_OK;
   a->term = 0;
   if (a->patches == 0) return ERN_OK;
-  ERN_TRY(ern_take(stream, ERN_ELEMENT_REAL, (size_t)ERN_SHARDS * ERN_PATCH_SCRATCH * (size_t)a->side * (size_t)a->side,
-                   &scratch));
+  ERN_TRY(ern_scratch_take(stream, ERN_ELEMENT_REAL,
+                           (size_t)ERN_SHARDS * ERN_PATCH_SCRATCH * (size_t)a->side * (size_t)a->side, &scratch));
   job.scratch = reals(scratch);
   ern_pool_run(pool_of(stream), ERN_SHARDS, patch_task, &job);
   for (int k = 0; k < ERN_SHARDS; k++) a->term += job.part[k];

@@ -77,7 +77,7 @@ static inline void run(struct ern_stream *stream, void *args, size_t tasks, void
 /* Allocates a block of `each` reals for each shard, so that no two tasks write the same block. */
 static inline ern_status take_blocks(struct ern_stream *stream, size_t each, ern_real **block) {
   ern_span span;
-  const ern_status status = ern_take(stream, ERN_ELEMENT_REAL, each * ERN_SHARDS, &span);
+  const ern_status status = ern_scratch_take(stream, ERN_ELEMENT_REAL, each * ERN_SHARDS, &span);
   *block = reals(span);
   return status;
 }

@@ -80,7 +80,7 @@ ern_status ern_cl_attention_bwd(struct ern_stream *stream, struct ern_attention_
   const bool by_code = a->dcode.buffer != NULL && a->dregion.span.buffer != NULL;
   ern_span parts = {0};
   if (a->forward.n == 0) return ERN_OK;
-  if (by_code) ERN_TRY(ern_take(stream, ERN_ELEMENT_REAL, PARTS * channels, &parts));
+  if (by_code) ERN_TRY(ern_scratch_take(stream, ERN_ELEMENT_REAL, PARTS * channels, &parts));
   if (one) ERN_TRY(bwd_one(stream, a));
   if (channels > 0 && (!one || by_code)) ERN_TRY(bwd_v(stream, a, one ? (ern_rows){.stride = 0} : a->dv, parts));
   if (by_code) ERN_TRY(bwd_code(stream, a, parts));

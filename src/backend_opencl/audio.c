@@ -44,9 +44,9 @@ struct workspace {
 static ern_status take_workspace(struct ern_stream *stream, const struct ern_audio_net *net,
                                  struct workspace *workspace) {
   ern_status status = ERN_OK;
-  ERN_TRY(ern_take(stream, ERN_ELEMENT_REAL, (size_t)WINDOWS * (size_t)net->code, &workspace->codes));
-  ERN_TRY(ern_take(stream, ERN_ELEMENT_REAL, (size_t)WINDOWS * WINDOW_VALUES, &workspace->values));
-  ERN_TRY(ern_take(stream, ERN_ELEMENT_REAL, ATT_VALUES, &workspace->att));
+  ERN_TRY(ern_scratch_take(stream, ERN_ELEMENT_REAL, (size_t)WINDOWS * (size_t)net->code, &workspace->codes));
+  ERN_TRY(ern_scratch_take(stream, ERN_ELEMENT_REAL, (size_t)WINDOWS * WINDOW_VALUES, &workspace->values));
+  ERN_TRY(ern_scratch_take(stream, ERN_ELEMENT_REAL, ATT_VALUES, &workspace->att));
 fail:
   return status;
 }

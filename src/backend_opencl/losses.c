@@ -74,8 +74,8 @@ ern_status ern_cl_head_loss(struct ern_stream *stream, struct ern_head_loss_args
   if (a->n == 0) return ERN_OK;
   const struct head_factors factors = factors_of(a);
   if (a->weights.adaptive) {
-    ERN_TRY(ern_take(stream, ERN_ELEMENT_REAL, ERN_CL_SUMS, &most));
-    ERN_TRY(ern_take(stream, ERN_ELEMENT_REAL, ERN_CL_SUMS, &sum));
+    ERN_TRY(ern_scratch_take(stream, ERN_ELEMENT_REAL, ERN_CL_SUMS, &most));
+    ERN_TRY(ern_scratch_take(stream, ERN_ELEMENT_REAL, ERN_CL_SUMS, &sum));
     ERN_TRY(head_softmax(stream, most, sum, a->uncertainty, a->n));
   }
   ERN_TRY(ern_cl_figures(stream, ERN_CL_SUMS * HEAD_TERMS, head_loss_deliver, a, &terms));

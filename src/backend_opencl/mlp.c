@@ -40,21 +40,21 @@ static size_t line(const struct plan *plan, bool cpu) {
 }
 
 /* Local memory of a tile of `channels`, and of a transposed tile (sample by sample) of `turned` channels. */
-static size_t local_bytes(const struct plan *plan, bool cpu, size_t channels, size_t turned) {
+static size_t local_bytes(const struct plan *plan, bool cpu, size_t channels, size_t transposed) {
   const size_t tile = (size_t)(plan->group * plan->vectors * plan->lanes), lanes = (size_t)plan->lanes;
-  const size_t turned_bytes = tile * ((turned + lanes - 1) / lanes * lanes) * sizeof(float);
+  const size_t turned_bytes = tile * ((transposed + lanes - 1) / lanes * lanes) * sizeof(float);
   return channels * line(plan, cpu) * sizeof(float) + (cpu ? turned_bytes : STAGE_BYTES);
 }
 
 /* The largest tile that fits, at most of the tunable's size. */
 static void plan_tile(struct plan *plan, const struct ern_cl_backend *backend, ern_cl_tunable tunable, size_t channels,
-                      size_t turned) {
+                      size_t transposed) {
   const struct ern_cl_device *device = &backend->device;
   *plan = (struct plan){.group = 1, .vectors = 1, .lanes = 1};
   if (device->cpu) {
     plan->lanes = device->width;
     plan->vectors = backend->size[tunable];
-    while (local_bytes(plan, true, channels, turned) > device->local_bytes && plan->vectors * plan->lanes > 1) {
+    while (local_bytes(plan, true, channels, transposed) > device->local_bytes && plan->vectors * plan->lanes > 1) {
       if (plan->vectors > 1)
         plan->vectors--;
       else
@@ -63,7 +63,7 @@ static void plan_tile(struct plan *plan, const struct ern_cl_backend *backend, e
   } else {
     plan->group = backend->size[tunable];
     while (((size_t)plan->group > device->group_most ||
-            local_bytes(plan, false, channels, turned) > device->local_bytes) &&
+            local_bytes(plan, false, channels, transposed) > device->local_bytes) &&
            plan->group > 1)
       plan->group /= 2;
   }
@@ -109,14 +109,14 @@ ern_status ern_cl_mlp_fwd(struct ern_stream *stream, struct ern_mlp_fwd_args *a)
 static size_t say_sums(struct plan *plan, const struct ern_mlp_bwd_args *a, bool cpu) {
   const struct ern_mlp *mlp = &a->forward.mlp;
   const size_t lanes = (size_t)plan->lanes;
-  size_t at = 0, turned = 0;
+  size_t at = 0, transposed = 0;
   int values = 0, from = mlp->width[0], end = 0, row = 0;
   for (int l = 0; l <= mlp->layers; values += mlp->width[l++]) say(plan, " -D V%d=%d", l, values);
   for (int l = 0; l < mlp->layers; l++) {
     const size_t vectors = ((size_t)mlp->width[l] + lanes - 1) / lanes;
     say(plan, " -D G%d=%zu -D E%d=%zu", l, at, l, vectors * lanes);
     at += (size_t)mlp->width[l + 1] * vectors * lanes;
-    if (vectors > turned) turned = vectors;
+    if (vectors > transposed) transposed = vectors;
   }
   for (int p = 0; p < ERN_MAX_PIECES; p++) {
     const int rows = p < a->forward.pieces ? a->forward.x[p].rows : 0;
@@ -128,7 +128,7 @@ static size_t say_sums(struct plan *plan, const struct ern_mlp_bwd_args *a, bool
     if (wanted) end = row;
   }
   at = (at + 63) / 64 * 64;
-  say(plan, " -D VALUES=%d -D TURNED=%zu -D DX_FROM=%d -D DX_ROWS=%d -D PART=%zu", values, cpu ? turned : 0,
+  say(plan, " -D VALUES=%d -D TURNED=%zu -D DX_FROM=%d -D DX_ROWS=%d -D PART=%zu", values, cpu ? transposed : 0,
       end > 0 ? from : 0, end > 0 ? end - from : 0, at);
   return at;
 }
@@ -172,7 +172,7 @@ ern_status ern_cl_mlp_bwd(struct ern_stream *stream, struct ern_mlp_bwd_args *a)
   const struct ern_arena_mark mark = ern_arena_mark(stream);
   ern_status status = ERN_OK;
   ern_span sums;
-  ERN_TRY(ern_take(stream, ERN_ELEMENT_REAL, parts * part, &sums));
+  ERN_TRY(ern_scratch_take(stream, ERN_ELEMENT_REAL, parts * part, &sums));
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_mlp, "mlp_bwd", plan.options);
   give_gradients(&call, a);
   ern_cl_span(&call, sums);

@@ -34,7 +34,7 @@ ern_status ern_cl_occupancy_mark(struct ern_stream *stream, struct ern_occupancy
   if (floats > 0) {
     ERN_TRY(ERN_NEW(context, floats, &frustum));
     for (size_t k = 0; k < a->view_count; k++) frustum_of(frustum + k * FRUSTUM, &a->views[k]);
-    ERN_TRY(ern_take(stream, ERN_ELEMENT_REAL, floats, &frusta));
+    ERN_TRY(ern_scratch_take(stream, ERN_ELEMENT_REAL, floats, &frusta));
     ERN_TRY(stream->backend->upload_reals(stream, frusta, frustum, floats));
   }
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_occupancy, "occupancy_mark", "");
@@ -59,9 +59,9 @@ ern_status ern_cl_occupancy_list(struct ern_stream *stream, struct ern_occupancy
   struct ern_scan_args scan = {.n = BLOCKS};
   ern_span open;
   struct ern_cl_call call;
-  ERN_TRY(ern_take(stream, ERN_ELEMENT_BYTE, CUBES, &open));
-  ERN_TRY(ern_take(stream, ERN_ELEMENT_INT32, BLOCKS, &scan.count));
-  ERN_TRY(ern_take(stream, ERN_ELEMENT_INT32, BLOCKS + 1, &scan.first));
+  ERN_TRY(ern_scratch_take(stream, ERN_ELEMENT_BYTE, CUBES, &open));
+  ERN_TRY(ern_scratch_take(stream, ERN_ELEMENT_INT32, BLOCKS, &scan.count));
+  ERN_TRY(ern_scratch_take(stream, ERN_ELEMENT_INT32, BLOCKS + 1, &scan.first));
   call = ern_cl_begin(stream, ERN_CL_occupancy, "occupancy_open", "");
   ern_cl_span(&call, open);
   ern_cl_span(&call, a->grid);
@@ -128,7 +128,7 @@ ern_status ern_cl_occupancy_update(struct ern_stream *stream, struct ern_occupan
   float part[2 * ERN_CL_SUMS];
   ern_span parts;
   struct ern_cl_call call;
-  ERN_TRY(ern_take(stream, ERN_ELEMENT_REAL, 2 * ERN_CL_SUMS, &parts));
+  ERN_TRY(ern_scratch_take(stream, ERN_ELEMENT_REAL, 2 * ERN_CL_SUMS, &parts));
   call = ern_cl_begin(stream, ERN_CL_occupancy, "occupancy_update", "");
   ern_cl_span(&call, parts);
   ern_cl_span(&call, a->grid);

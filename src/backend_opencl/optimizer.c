@@ -39,7 +39,7 @@ ern_status ern_cl_finite(struct ern_stream *stream, struct ern_finite_args *a) {
   int32_t host[ERN_CL_SUMS];
   a->finite = true;
   if (a->n == 0) return ERN_OK;
-  ERN_TRY(ern_take(stream, ERN_ELEMENT_INT32, ERN_CL_SUMS, &found));
+  ERN_TRY(ern_scratch_take(stream, ERN_ELEMENT_INT32, ERN_CL_SUMS, &found));
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_optimizer, "finite", "");
   ern_cl_span(&call, found);
   ern_cl_span(&call, a->values);

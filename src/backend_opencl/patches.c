@@ -16,19 +16,19 @@ struct patch_pass {
 static ern_status take(struct patch_pass *p) {
   ern_status status = ERN_OK;
   size_t at = 0;
-  ERN_TRY(ern_take(p->stream, ERN_ELEMENT_REAL, p->planes, &p->base));
+  ERN_TRY(ern_scratch_take(p->stream, ERN_ELEMENT_REAL, p->planes, &p->base));
   for (size_t k = 0; k < SCALES; k++) {
     const size_t side = (size_t)p->args->side >> k, total = p->planes * side * side;
     p->side[k] = side;
     p->total[k] = total;
     p->filter[k] = ern_span_part(p->args->filter, at, side * side);
     at += 2 * side * side; /* skips the transpose: kernels read the matrix both ways */
-    ERN_TRY(ern_take(p->stream, ERN_ELEMENT_REAL, total, &p->x[k]));
-    ERN_TRY(ern_take(p->stream, ERN_ELEMENT_REAL, total, &p->y[k]));
-    if (k > 0) ERN_TRY(ern_take(p->stream, ERN_ELEMENT_REAL, total, &p->d[k]));
+    ERN_TRY(ern_scratch_take(p->stream, ERN_ELEMENT_REAL, total, &p->x[k]));
+    ERN_TRY(ern_scratch_take(p->stream, ERN_ELEMENT_REAL, total, &p->y[k]));
+    if (k > 0) ERN_TRY(ern_scratch_take(p->stream, ERN_ELEMENT_REAL, total, &p->d[k]));
   }
-  ERN_TRY(ern_take(p->stream, ERN_ELEMENT_REAL, PRODUCTS * p->total[0], &p->between));
-  ERN_TRY(ern_take(p->stream, ERN_ELEMENT_REAL, SLOPES * p->total[0], &p->slope));
+  ERN_TRY(ern_scratch_take(p->stream, ERN_ELEMENT_REAL, PRODUCTS * p->total[0], &p->between));
+  ERN_TRY(ern_scratch_take(p->stream, ERN_ELEMENT_REAL, SLOPES * p->total[0], &p->slope));
 fail:
   return status;
 }

@@ -336,7 +336,7 @@ static ern_status find_nearest(struct ern_stream *stream, struct ern_cl_head *p,
     p->bits_written = written, p->bits_at = a->bits.at;
   }
   ern_tile_culling(p->nearest, p->bits, &a->view, a->settings.bound);
-  ERN_TRY(ern_take(stream, ERN_ELEMENT_REAL, blocks, nearest));
+  ERN_TRY(ern_scratch_take(stream, ERN_ELEMENT_REAL, blocks, nearest));
   ERN_TRY(table->upload_reals(stream, *nearest, p->nearest, blocks));
 fail:
   return status;

@@ -199,8 +199,8 @@ static ern_status find_bias(struct ern_stream *stream, const struct ern_cl_torso
   const bool codes = field->config.codes > 0;
   ern_rows k, encoded;
   ern_status status = ERN_OK;
-  ERN_TRY(ern_take_rows(stream, 2 * ERN_TORSO_POINTS, 1, &k));
-  ERN_TRY(ern_take_rows(stream, ERN_K_ROWS, 1, &encoded));
+  ERN_TRY(ern_scratch_take_rows(stream, 2 * ERN_TORSO_POINTS, 1, &k));
+  ERN_TRY(ern_scratch_take_rows(stream, ERN_K_ROWS, 1, &encoded));
   k.stride = encoded.stride = 1;
   struct ern_torso_pose_fwd_args pose = {.k = k.span, .anchors = ern_span_part(a->parameters, field->anchors, 12)};
   if (field->config.torso_gamma) pose.gamma = ern_span_part(a->parameters, field->gamma, 1);
@@ -230,9 +230,9 @@ static ern_status find_terms(struct ern_stream *stream, const struct ern_cl_tors
   ern_span bias;
   ern_status status = ERN_OK;
   terms->padded = ((size_t)a->width + unit - 1) / unit * unit;
-  ERN_TRY(ern_take(stream, ERN_ELEMENT_REAL, TERMS, &bias));
-  ERN_TRY(ern_take(stream, ERN_ELEMENT_REAL, (size_t)a->height * TERMS, &terms->rows));
-  ERN_TRY(ern_take(stream, ERN_ELEMENT_REAL, terms->padded * TERMS, &terms->columns));
+  ERN_TRY(ern_scratch_take(stream, ERN_ELEMENT_REAL, TERMS, &bias));
+  ERN_TRY(ern_scratch_take(stream, ERN_ELEMENT_REAL, (size_t)a->height * TERMS, &terms->rows));
+  ERN_TRY(ern_scratch_take(stream, ERN_ELEMENT_REAL, terms->padded * TERMS, &terms->columns));
   ERN_TRY(find_bias(stream, p, a, bias));
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_render_torso, "torso_terms", p->options);
   ern_cl_span(&call, terms->rows);

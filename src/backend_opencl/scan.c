@@ -34,12 +34,12 @@ ern_status ern_cl_scan(struct ern_stream *stream, struct ern_scan_args *a) {
   ern_status status = ERN_OK;
   ern_span halves, sum, base;
   uint32_t half[2];
-  ERN_TRY(ern_take(stream, ERN_ELEMENT_INT32, 2, &halves));
+  ERN_TRY(ern_scratch_take(stream, ERN_ELEMENT_INT32, 2, &halves));
   if (groups <= 1) {
     ERN_TRY(scan_from(stream, first, halves, count, none, items, each, n, 1));
   } else {
-    ERN_TRY(ern_take(stream, ERN_ELEMENT_INT32, groups, &sum));
-    ERN_TRY(ern_take(stream, ERN_ELEMENT_INT32, groups + 1, &base));
+    ERN_TRY(ern_scratch_take(stream, ERN_ELEMENT_INT32, groups, &sum));
+    ERN_TRY(ern_scratch_take(stream, ERN_ELEMENT_INT32, groups + 1, &base));
     struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_scan, "scan_sums", "");
     ern_cl_span(&call, sum);
     ern_cl_span(&call, count);

@@ -24,7 +24,7 @@ ern_status ern_cl_head_step(struct ern_stream *stream, struct ern_head_step_args
   char last_error[ERN_ERROR_BYTES];
   ern_span before;
   ern_error_keep(backend->context, last_error);
-  ERN_TRY(ern_take(stream, ERN_ELEMENT_REAL, a->dparameters.count, &before));
+  ERN_TRY(ern_scratch_take(stream, ERN_ELEMENT_REAL, a->dparameters.count, &before));
   ERN_TRY(backend->copy(stream, before, a->dparameters, before.count));
   for (;;) {
     status = ern_cl_clean_up(stream, ern_head_step_parts(stream, a, at_once));

@@ -122,8 +122,8 @@ ern_status ern_cl_torso_select(struct ern_stream *stream, struct ern_torso_selec
   struct ern_scan_args scan = {.n = a->n};
   a->count = 0;
   if (a->n == 0) return ERN_OK;
-  ERN_TRY(ern_take(stream, ERN_ELEMENT_INT32, a->n, &scan.count));
-  ERN_TRY(ern_take(stream, ERN_ELEMENT_INT32, a->n + 1, &scan.first));
+  ERN_TRY(ern_scratch_take(stream, ERN_ELEMENT_INT32, a->n, &scan.count));
+  ERN_TRY(ern_scratch_take(stream, ERN_ELEMENT_INT32, a->n + 1, &scan.first));
   ERN_TRY(find_reached(stream, a, scan.count));
   ERN_TRY(stream->backend->scan(stream, &scan));
   if (scan.total > 0) ERN_TRY(gather(stream, a, scan.count, scan.first));

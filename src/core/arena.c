@@ -53,7 +53,7 @@ void ern_arena_trim(struct ern_stream *stream) {
   }
 }
 
-ern_status ern_take(struct ern_stream *stream, ern_element element, size_t count, ern_span *span) {
+ern_status ern_scratch_take(struct ern_stream *stream, ern_element element, size_t count, ern_span *span) {
   struct ern_arena *arena = stream->arena;
   ern_context *context = arena->backend->context;
   *span = (ern_span){0};
@@ -87,7 +87,7 @@ ern_status ern_take(struct ern_stream *stream, ern_element element, size_t count
   return ERN_OK;
 }
 
-ern_status ern_take_rows(struct ern_stream *stream, int rows, size_t n, ern_rows *out) {
+ern_status ern_scratch_take_rows(struct ern_stream *stream, int rows, size_t n, ern_rows *out) {
   size_t stride = 0, count = 0;
   *out = (ern_rows){0};
   if (!ern_size_add(n, 63, &stride) || !ern_size_multiply(stride / 64 * 64, (size_t)rows, &count))
@@ -95,5 +95,5 @@ ern_status ern_take_rows(struct ern_stream *stream, int rows, size_t n, ern_rows
   out->stride = stride / 64 * 64;
   out->rows = rows;
   out->per = ERN_PER_SAMPLE;
-  return ern_take(stream, ERN_ELEMENT_REAL, count, &out->span);
+  return ern_scratch_take(stream, ERN_ELEMENT_REAL, count, &out->span);
 }

@@ -64,9 +64,9 @@ void ern_arena_release(struct ern_stream *stream, struct ern_arena_mark mark);
 void ern_arena_trim(struct ern_stream *stream);
 
 /* *span = room for `count` elements, at a multiple of 64; contents undefined. */
-ERN_NODISCARD ern_status ern_take(struct ern_stream *stream, ern_element element, size_t count, ern_span *span);
+ERN_NODISCARD ern_status ern_scratch_take(struct ern_stream *stream, ern_element element, size_t count, ern_span *span);
 /* The same as `rows` channels of n values, stride n rounded up to 64. */
-ERN_NODISCARD ern_status ern_take_rows(struct ern_stream *stream, int rows, size_t n, ern_rows *out);
+ERN_NODISCARD ern_status ern_scratch_take_rows(struct ern_stream *stream, int rows, size_t n, ern_rows *out);
 
 /* The rows [first, first + count) of `from`. */
 static inline ern_rows ern_rows_part(ern_rows from, int first, int count) {

@@ -29,15 +29,15 @@ static void libc_release(void *user, void *memory) {
 
 void ern_context_config_fill(ern_context_config *config, size_t bytes) {
   const ern_context_config own = {.cookie = CONFIG_COOKIE, .allocate = libc_allocate, .release = libc_release};
-  ern_config_give(config, bytes, &own, sizeof own);
+  ern_config_copy_out(config, bytes, &own, sizeof own);
 }
 
 ern_status ern_context_create(ern_context **context, const ern_context_config *config) {
   if (context == NULL) return ERN_E_ARGUMENT;
   *context = NULL;
   ern_context_config chosen = ern_context_config_default();
-  const ern_status status =
-      config != NULL ? ERN_TAKE_CONFIG(NULL, ern_context_config, &chosen, config) : ERN_OK; /* no context to say why */
+  const ern_status status = config != NULL ? ERN_COPY_IN_CONFIG(NULL, ern_context_config, &chosen, config)
+                                           : ERN_OK; /* no context to say why */
   if (status != ERN_OK) return status;
   if ((chosen.allocate == NULL) != (chosen.release == NULL)) return ERN_E_ARGUMENT;
   if (chosen.allocate == NULL) {

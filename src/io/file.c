@@ -11,7 +11,7 @@
 
 #include "core/memory.h"
 
-ern_status ern_file_refused(ern_context *context, const char *path, const char *verb) {
+ern_status ern_file_fail(ern_context *context, const char *path, const char *verb) {
   const int number = errno;
   char reason[128];
   if (strerror_r(number, reason, sizeof reason) != 0) snprintf(reason, sizeof reason, "error %d", number);
@@ -25,8 +25,8 @@ ern_status ern_file_reader_open(ern_context *context, const char *path, size_t l
   struct stat about;
   /* O_NONBLOCK: opening a pipe must fail below, not wait for a writer */
   reader->descriptor = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY);
-  if (reader->descriptor < 0) return ern_file_refused(context, path, "open");
-  if (fstat(reader->descriptor, &about) != 0) ERN_TRY(ern_file_refused(context, path, "examine"));
+  if (reader->descriptor < 0) return ern_file_fail(context, path, "open");
+  if (fstat(reader->descriptor, &about) != 0) ERN_TRY(ern_file_fail(context, path, "examine"));
   if (!S_ISREG(about.st_mode)) {
     ERN_TRY(ern_fail(context, ERN_E_IO, "%s: is a %s, expected a regular file", path,
                      S_ISDIR(about.st_mode) ? "folder" : "device or pipe"));
@@ -43,12 +43,11 @@ fail:
 }
 
 ern_status ern_file_reader_take(const struct ern_file_reader *reader, size_t at, void *bytes, size_t count) {
-  if (lseek(reader->descriptor, (off_t)at, SEEK_SET) < 0)
-    return ern_file_refused(reader->context, reader->path, "read");
+  if (lseek(reader->descriptor, (off_t)at, SEEK_SET) < 0) return ern_file_fail(reader->context, reader->path, "read");
   for (size_t done = 0; done < count;) {
     const ssize_t got = read(reader->descriptor, (uint8_t *)bytes + done, count - done);
     if (got < 0 && errno == EINTR) continue;
-    if (got < 0) return ern_file_refused(reader->context, reader->path, "read");
+    if (got < 0) return ern_file_fail(reader->context, reader->path, "read");
     if (got == 0) {
       return ern_fail(reader->context, ERN_E_IO, "%s: ended after %zu bytes, expected %zu: it shrank while being read",
                       reader->path, at + done, reader->size);
@@ -101,7 +100,7 @@ static ern_status make_one(ern_context *context, const char *path) {
     return ern_fail(context, ERN_E_IO, "%s: is a file, expected a folder or nothing", path);
   }
   errno = number;
-  return ern_file_refused(context, path, "make the folder");
+  return ern_file_fail(context, path, "make the folder");
 }
 
 size_t ern_text_mark(const uint8_t *bytes, size_t count) {

@@ -30,7 +30,7 @@ void ern_file_reader_close(struct ern_file_reader *reader);
 size_t ern_text_mark(const uint8_t *bytes, size_t count);
 
 /* Records a failed system call as an error: the path, `verb` and errno's text. */
-ern_status ern_file_refused(ern_context *context, const char *path, const char *verb);
+ern_status ern_file_fail(ern_context *context, const char *path, const char *verb);
 
 /* Whether a name is that of a writer's temporary file. */
 bool ern_file_is_temporary(const char *name);

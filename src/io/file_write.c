@@ -136,7 +136,7 @@ static ern_status open_temporary(struct ern_file_writer *writer) {
       descriptor = open(name, flags);
       if (descriptor < 0 && errno == ENOENT) continue; /* it was removed in between */
     }
-    if (descriptor < 0) return ern_file_refused(writer->context, writer->path, "write");
+    if (descriptor < 0) return ern_file_fail(writer->context, writer->path, "write");
     again = false;
     wrong = lock_temporary(name, descriptor, made, &again);
     if (wrong == NULL) {
@@ -219,7 +219,7 @@ ern_status ern_file_writer_write(struct ern_file_writer *writer, const void *byt
     const size_t chunk = count - done < SSIZE_MAX ? count - done : SSIZE_MAX;
     const ssize_t put = write(writer->descriptor, from + done, chunk);
     if (put < 0 && errno == EINTR) continue;
-    if (put < 0) ERN_TRY(ern_file_refused(writer->context, writer->path, "write"));
+    if (put < 0) ERN_TRY(ern_file_fail(writer->context, writer->path, "write"));
     done += (size_t)put;
   }
   return ERN_OK;
@@ -230,7 +230,7 @@ fail:
 
 static ern_status sync_descriptor(ern_context *context, const char *path, int descriptor) {
   while (fsync(descriptor) != 0) {
-    if (errno != EINTR) return ern_file_refused(context, path, "flush to the disk");
+    if (errno != EINTR) return ern_file_fail(context, path, "flush to the disk");
   }
   return ERN_OK;
 }
@@ -245,10 +245,10 @@ static ern_status sync_folder_of(ern_context *context, const char *path) {
   if (length > 0) folder[length] = 0;
   descriptor = open(folder, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
   /* a folder that may be written but not read, or a file system without fsync of folders, is no reason to fail */
-  if (descriptor < 0 && errno != EACCES) ERN_TRY(ern_file_refused(context, folder, "open"));
+  if (descriptor < 0 && errno != EACCES) ERN_TRY(ern_file_fail(context, folder, "open"));
   while (descriptor >= 0 && fsync(descriptor) != 0) {
     if (errno == EINVAL || errno == ENOTSUP) break;
-    if (errno != EINTR) ERN_TRY(ern_file_refused(context, folder, "flush to the disk"));
+    if (errno != EINTR) ERN_TRY(ern_file_fail(context, folder, "flush to the disk"));
   }
 fail:
   if (descriptor >= 0) close(descriptor);
@@ -264,10 +264,10 @@ static ern_status put_in_place(struct ern_file_writer *writer) {
     return ern_fail(writer->context, ERN_E_IO, "%s: cannot put in place: %s was removed or replaced by another process",
                     writer->path, from);
   if (writer->keep) {
-    if (link(from, to) == 0) return unlink(from) == 0 ? ERN_OK : ern_file_refused(writer->context, from, "remove");
+    if (link(from, to) == 0) return unlink(from) == 0 ? ERN_OK : ern_file_fail(writer->context, from, "remove");
     if (errno == EEXIST || access(to, F_OK) == 0) return refuse_existing(writer->context, writer->path);
   }
-  return rename(from, to) == 0 ? ERN_OK : ern_file_refused(writer->context, writer->path, "put in place");
+  return rename(from, to) == 0 ? ERN_OK : ern_file_fail(writer->context, writer->path, "put in place");
 }
 
 /* Removes the mark, and gives the file the owner, group and permissions of the one that it has replaced; where the
@@ -297,7 +297,7 @@ ern_status ern_file_writer_commit(struct ern_file_writer *writer) {
   writer->descriptor = -1;
   ERN_TRY(sync_folder_of(writer->context, writer->place));
   errno = number;
-  if (closed != 0 && errno != EINTR) ERN_TRY(ern_file_refused(writer->context, writer->path, "close"));
+  if (closed != 0 && errno != EINTR) ERN_TRY(ern_file_fail(writer->context, writer->path, "close"));
 fail:
   ern_file_writer_abandon(writer);
   return status;

@@ -467,8 +467,8 @@ static ern_status check_nodes(struct look *look, struct span graph) {
   return status;
 }
 
-ern_status ern_onnx_look(ern_context *context, const char *path, const uint8_t *bytes, size_t count,
-                         struct ern_onnx *onnx) {
+ern_status ern_onnx_inspect(ern_context *context, const char *path, const uint8_t *bytes, size_t count,
+                            struct ern_onnx *onnx) {
   struct look look = {.context = context, .path = path, .begin = bytes, .onnx = onnx};
   struct span file = {bytes, bytes + count}, graph = {0};
   struct field field;

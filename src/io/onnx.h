@@ -19,7 +19,7 @@ struct ern_onnx {
 /* Parses the bytes of a file. Checks that each weight has as many numbers as its sizes say, and lies in the file.
  * ERN_E_FORMAT: not an ONNX file, truncated, or inconsistent; ERN_E_UNSUPPORTED: sizes that are not fixed, more inputs
  * than one, or weights in other files. */
-ERN_NODISCARD ern_status ern_onnx_look(ern_context *context, const char *path, const uint8_t *bytes, size_t count,
-                                       struct ern_onnx *onnx);
+ERN_NODISCARD ern_status ern_onnx_inspect(ern_context *context, const char *path, const uint8_t *bytes, size_t count,
+                                          struct ern_onnx *onnx);
 
 #endif

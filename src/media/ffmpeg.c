@@ -8,9 +8,9 @@
 #include <string.h>
 
 #include "core/memory.h"
-#include "media/cut_file.h"
 #include "media/image.h"
 #include "media/input.h"
+#include "media/truncation.h"
 
 /* Whether an error is the operating system's. FFmpeg's own codes are far below errno's range; it also uses these four
  * errno values for its own errors. */
@@ -199,9 +199,10 @@ static ern_status feed(struct ern_decoder *decoder) {
     }
     if (error < 0) return ern_av_fail(context, ERN_E_FORMAT, decoder->path, "read on", error);
     if (packet->stream_index == decoder->stream->index) {
-      const ern_status cut = (packet->flags & AV_PKT_FLAG_CORRUPT) != 0
-                                 ? ern_cut_packet(context, decoder->path, decoder->container->iformat->name)
-                                 : ERN_OK;
+      const ern_status cut =
+          (packet->flags & AV_PKT_FLAG_CORRUPT) != 0
+              ? ern_truncation_check_packet(context, decoder->path, decoder->container->iformat->name)
+              : ERN_OK;
       error = cut != ERN_OK ? 0 : avcodec_send_packet(decoder->codec, packet);
       av_packet_unref(packet);
       if (cut != ERN_OK) return cut;

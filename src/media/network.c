@@ -28,7 +28,7 @@ static ern_status open_file(ern_network *n) {
   char words[ERN_VISION_WORDS] = "";
   ern_status status = ERN_OK;
   ERN_TRY(ern_file_read(n->context, n->path, FILE_LIMIT, &bytes, &count));
-  ERN_TRY(ern_onnx_look(n->context, n->path, bytes, count, &n->onnx));
+  ERN_TRY(ern_onnx_inspect(n->context, n->path, bytes, count, &n->onnx));
   ERN_TRY(ern_vision_load(n->context, n->path, &n->library, &n->vision));
   status = n->vision->open(bytes, count, &n->network, words);
   if (status != ERN_OK)

@@ -104,7 +104,7 @@ ern_status ern_provenance_texts_make(ern_context *context, const ern_provenance 
   ern_provenance p = ern_provenance_default();
   ern_status status = ERN_OK;
   char *consent = NULL;
-  ERN_TRY(ERN_TAKE_CONFIG(context, ern_provenance, &p, provenance));
+  ERN_TRY(ERN_COPY_IN_CONFIG(context, ern_provenance, &p, provenance));
   if (p.id == NULL) p.id = "";
   if (p.consent == NULL) p.consent = "";
   ERN_TRY(check_id(context, p.id));

@@ -6,7 +6,7 @@
 #include <math.h>
 
 #include "core/memory.h"
-#include "media/cut_file.h"
+#include "media/truncation.h"
 
 enum {
   MAX_RATE = 384000,
@@ -178,8 +178,8 @@ static ern_status take_next(struct ern_sound_decoder *sound, bool *end) {
   if (status != ERN_OK) return status;
   if (*end && sound->convert == NULL) status = take_form(sound, codec->sample_rate, codec->ch_layout.nb_channels);
   if (*end && status == ERN_OK)
-    status = ern_cut_end(decoder->context, decoder->path, decoder->container->iformat->name,
-                         (double)sound->position / sound->rate, length_by_header(decoder));
+    status = ern_truncation_check_end(decoder->context, decoder->path, decoder->container->iformat->name,
+                                      (double)sound->position / sound->rate, length_by_header(decoder));
   if (*end) return status;
   const AVFrame *frame = decoder->frame;
   if (sound->convert == NULL) {
@@ -232,7 +232,7 @@ void ern_sound_decoder_close(struct ern_sound_decoder *sound) {
 
 /* ---- the whole --------------------------------------------------------------------------------------------------- */
 
-struct hearing {
+struct sound_decode_job {
   ern_context *context;
   struct ern_sound_decoder sound;
   ern_sound_taker *take;
@@ -243,67 +243,65 @@ struct hearing {
   uint64_t frames;
 };
 
-static ern_status give_waiting(struct hearing *hearing) {
-  const struct ern_sound_decoder *sound = &hearing->sound;
+static ern_status give_waiting(struct sound_decode_job *job) {
+  const struct ern_sound_decoder *sound = &job->sound;
   ern_status status = ERN_OK;
-  if (hearing->waiting > 0)
-    status = hearing->take(hearing->user, sound->rate, sound->channels, hearing->samples, hearing->waiting);
-  hearing->frames += hearing->waiting;
-  hearing->waiting = 0;
+  if (job->waiting > 0) status = job->take(job->user, sound->rate, sound->channels, job->samples, job->waiting);
+  job->frames += job->waiting;
+  job->waiting = 0;
   return status;
 }
 
-static ern_status give_silence(struct hearing *hearing) {
-  const struct ern_sound_decoder *sound = &hearing->sound;
+static ern_status give_silence(struct sound_decode_job *job) {
+  const struct ern_sound_decoder *sound = &job->sound;
   static const float zeros[SILENCE_BLOCK * MAX_CHANNELS] = {0};
   ern_status status = ERN_OK;
   for (size_t left = sound->silence; left > 0 && status == ERN_OK;) {
     const size_t count = left < SILENCE_BLOCK ? left : SILENCE_BLOCK;
-    status = hearing->take(hearing->user, sound->rate, sound->channels, zeros, count);
+    status = job->take(job->user, sound->rate, sound->channels, zeros, count);
     left -= count;
   }
-  hearing->frames += sound->silence;
+  job->frames += sound->silence;
   return status;
 }
 
 /* Stores the last decoded piece as the waiting one. */
-static ern_status take_piece(struct hearing *hearing) {
-  struct ern_sound_decoder *sound = &hearing->sound;
+static ern_status take_piece(struct sound_decode_job *job) {
+  struct ern_sound_decoder *sound = &job->sound;
   const size_t count = sound->frames;
   ern_status status = ERN_OK;
   if (sound->position > (uint64_t)MOST_HEARD_HOURS * 3600 * (uint64_t)sound->rate)
-    ERN_TRY(ern_fail(hearing->context, ERN_E_SHAPE,
-                     "%s: sound is longer than %d hours, the most that features are made of", sound->decoder.path,
-                     MOST_HEARD_HOURS));
-  ERN_TRY(give_waiting(hearing));
-  ERN_TRY(give_silence(hearing));
-  if (count > hearing->capacity) {
-    ern_release(hearing->context, hearing->samples);
-    hearing->capacity = 0;
-    ERN_TRY(ERN_NEW(hearing->context, count * (size_t)sound->channels, &hearing->samples));
-    hearing->capacity = count;
+    ERN_TRY(ern_fail(job->context, ERN_E_SHAPE, "%s: sound is longer than %d hours, the most that features are made of",
+                     sound->decoder.path, MOST_HEARD_HOURS));
+  ERN_TRY(give_waiting(job));
+  ERN_TRY(give_silence(job));
+  if (count > job->capacity) {
+    ern_release(job->context, job->samples);
+    job->capacity = 0;
+    ERN_TRY(ERN_NEW(job->context, count * (size_t)sound->channels, &job->samples));
+    job->capacity = count;
   }
-  ERN_TRY(ern_sound_decoder_take(sound, hearing->samples));
-  hearing->waiting = sound->frames;
+  ERN_TRY(ern_sound_decoder_take(sound, job->samples));
+  job->waiting = sound->frames;
 fail:
   return status;
 }
 
 ern_status ern_sound_decode(ern_context *context, const char *path, ern_sound_taker *take, void *user) {
-  struct hearing hearing = {.context = context, .take = take, .user = user};
+  struct sound_decode_job job = {.context = context, .take = take, .user = user};
   ern_status status = ERN_OK;
   bool end = false;
-  ERN_TRY(ern_sound_decoder_open(context, path, AV_SAMPLE_FMT_FLT, &hearing.sound));
+  ERN_TRY(ern_sound_decoder_open(context, path, AV_SAMPLE_FMT_FLT, &job.sound));
   for (;;) {
-    ERN_TRY(ern_sound_decoder_next(&hearing.sound, &end));
+    ERN_TRY(ern_sound_decoder_next(&job.sound, &end));
     if (end) break;
-    ERN_TRY(take_piece(&hearing));
+    ERN_TRY(take_piece(&job));
   }
-  hearing.waiting -= hearing.sound.surplus < hearing.waiting ? hearing.sound.surplus : hearing.waiting;
-  ERN_TRY(give_waiting(&hearing));
-  if (hearing.frames == 0) ERN_TRY(ern_fail(context, ERN_E_SHAPE, "%s: has no sound, 0 samples", path));
+  job.waiting -= job.sound.surplus < job.waiting ? job.sound.surplus : job.waiting;
+  ERN_TRY(give_waiting(&job));
+  if (job.frames == 0) ERN_TRY(ern_fail(context, ERN_E_SHAPE, "%s: has no sound, 0 samples", path));
 fail:
-  ern_release(context, hearing.samples);
-  ern_sound_decoder_close(&hearing.sound);
+  ern_release(context, job.samples);
+  ern_sound_decoder_close(&job.sound);
   return status;
 }

@@ -113,7 +113,7 @@ static ern_status open_file(struct ern_speech_network *n) {
   char words[ERN_VISION_WORDS] = "";
   ern_status status = ERN_OK;
   ERN_TRY(ern_file_read(n->context, n->path, FILE_LIMIT, &bytes, &count));
-  ERN_TRY(ern_onnx_look(n->context, n->path, bytes, count, &onnx));
+  ERN_TRY(ern_onnx_inspect(n->context, n->path, bytes, count, &onnx));
   ERN_TRY(check_hash(n, bytes, count));
   ERN_TRY(check_input(n, &onnx));
   ERN_TRY(choose_output(n, &onnx));

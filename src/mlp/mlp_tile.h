@@ -18,7 +18,7 @@ static inline size_t ern_mlp_padded(int width) {
 struct ern_mlp_layout {
   size_t value[ERN_MLP_MAX_LAYERS + 1]; /* tile of the input, of each hidden layer, of the output */
   size_t slope[2];                      /* tiles of gradients, as wide as the widest layer */
-  size_t turned;                        /* [tile][padded widest]: a tile of values, transposed: sample by sample */
+  size_t transposed;                    /* [tile][padded widest]: a tile of values, transposed: sample by sample */
   size_t dweight[ERN_MLP_MAX_LAYERS];   /* [outputs][padded inputs] */
   size_t count;                         /* of all parts */
 };
@@ -35,7 +35,7 @@ static inline struct ern_mlp_layout ern_mlp_layout_make(const struct ern_mlp *ml
     layout.slope[k] = layout.count;
     layout.count += (size_t)widest * ERN_MLP_TILE;
   }
-  layout.turned = layout.count;
+  layout.transposed = layout.count;
   layout.count += ern_mlp_padded(widest) * ERN_MLP_TILE;
   for (int l = 0; l < mlp->layers; l++) {
     layout.dweight[l] = layout.count;

@@ -8,10 +8,10 @@ static bool has(ern_rows rows) { return rows.span.buffer != NULL; }
 
 static ern_status take_encoder(struct ern_stream *stream, const struct ern_field *field, struct ern_head_batch *batch) {
   ern_status status = ERN_OK;
-  ERN_TRY(ern_take_rows(stream, field->feature_rows, batch->n, &batch->f));
+  ERN_TRY(ern_scratch_take_rows(stream, field->feature_rows, batch->n, &batch->f));
   if (field->config.backbone == ERN_BACKBONE_MLP) {
-    ERN_TRY(ern_take_rows(stream, ERN_X_ROWS, batch->n, &batch->waves));
-    ERN_TRY(ern_take_rows(stream, ERN_TRUNK_WIDTH, batch->n, &batch->hidden));
+    ERN_TRY(ern_scratch_take_rows(stream, ERN_X_ROWS, batch->n, &batch->waves));
+    ERN_TRY(ern_scratch_take_rows(stream, ERN_TRUNK_WIDTH, batch->n, &batch->hidden));
   }
 fail:
   return status;
@@ -20,16 +20,16 @@ fail:
 static ern_status take_regions(struct ern_stream *stream, const struct ern_field *field, struct ern_head_batch *batch) {
   ern_status status = ERN_OK;
   if (ern_field_attends(field)) {
-    ERN_TRY(ern_take_rows(stream, field->attention.width[2], batch->n, &batch->v));
-    ERN_TRY(ern_take_rows(stream, ERN_AUDIO_CODE, batch->n, &batch->region));
-    ERN_TRY(ern_take_rows(stream, 1, batch->n, &batch->norm));
+    ERN_TRY(ern_scratch_take_rows(stream, field->attention.width[2], batch->n, &batch->v));
+    ERN_TRY(ern_scratch_take_rows(stream, ERN_AUDIO_CODE, batch->n, &batch->region));
+    ERN_TRY(ern_scratch_take_rows(stream, 1, batch->n, &batch->norm));
   }
   if (ern_field_attends_eye(field)) {
-    ERN_TRY(ern_take_rows(stream, 1, batch->n, &batch->eye_raw));
-    ERN_TRY(ern_take_rows(stream, 1, batch->n, &batch->eye));
-    ERN_TRY(ern_take_rows(stream, 1, batch->n, &batch->region_eye));
+    ERN_TRY(ern_scratch_take_rows(stream, 1, batch->n, &batch->eye_raw));
+    ERN_TRY(ern_scratch_take_rows(stream, 1, batch->n, &batch->eye));
+    ERN_TRY(ern_scratch_take_rows(stream, 1, batch->n, &batch->region_eye));
   } else if (field->config.eye) {
-    ERN_TRY(ern_take_rows(stream, 1, 1, &batch->region_eye));
+    ERN_TRY(ern_scratch_take_rows(stream, 1, 1, &batch->region_eye));
     batch->region_eye.per = ERN_PER_BATCH;
   }
 fail:
@@ -43,16 +43,16 @@ ern_status ern_head_batch_take(struct ern_stream *stream, const struct ern_field
   ERN_TRY(take_encoder(stream, field, batch));
   ERN_TRY(take_regions(stream, field, batch));
   if (parts & ERN_BATCH_DENSITY) {
-    ERN_TRY(ern_take_rows(stream, parts & ERN_BATCH_COLOUR ? 1 + ERN_GEOMETRY : 1, n, &batch->h));
-    ERN_TRY(ern_take_rows(stream, 1, n, &batch->sigma));
+    ERN_TRY(ern_scratch_take_rows(stream, parts & ERN_BATCH_COLOUR ? 1 + ERN_GEOMETRY : 1, n, &batch->h));
+    ERN_TRY(ern_scratch_take_rows(stream, 1, n, &batch->sigma));
   }
   if (parts & ERN_BATCH_COLOUR) {
-    ERN_TRY(ern_take_rows(stream, 3, n, &batch->rgb_raw));
-    ERN_TRY(ern_take_rows(stream, 3, n, &batch->rgb));
+    ERN_TRY(ern_scratch_take_rows(stream, 3, n, &batch->rgb_raw));
+    ERN_TRY(ern_scratch_take_rows(stream, 3, n, &batch->rgb));
   }
   if (parts & ERN_BATCH_UNCERTAINTY) {
-    ERN_TRY(ern_take_rows(stream, 1, n, &batch->unc_raw));
-    ERN_TRY(ern_take_rows(stream, 1, n, &batch->unc));
+    ERN_TRY(ern_scratch_take_rows(stream, 1, n, &batch->unc_raw));
+    ERN_TRY(ern_scratch_take_rows(stream, 1, n, &batch->unc));
   }
 fail:
   return status;

@@ -74,7 +74,7 @@ static void describe(const ern_model *model, ern_model_info *info) {
 void ern_model_describe_sized(const ern_model *model, ern_model_info *info, size_t bytes) {
   ern_model_info own = {0};
   if (model != NULL) describe(model, &own);
-  ern_struct_give(info, bytes, &own, sizeof own);
+  ern_struct_copy_out(info, bytes, &own, sizeof own);
 }
 
 /* m = Rx(a) Ry(b) Rz(c) */

@@ -12,17 +12,17 @@ ern_status ern_torso_batch_take(struct ern_stream *stream, const struct ern_fiel
                                 struct ern_torso_batch *batch) {
   ern_status status = ERN_OK;
   *batch = (struct ern_torso_batch){.n = n};
-  ERN_TRY(ern_take_rows(stream, 6, 1, &batch->k));
-  ERN_TRY(ern_take_rows(stream, ERN_K_ROWS, 1, &batch->k_encoded));
+  ERN_TRY(ern_scratch_take_rows(stream, 6, 1, &batch->k));
+  ERN_TRY(ern_scratch_take_rows(stream, ERN_K_ROWS, 1, &batch->k_encoded));
   batch->k.stride = batch->k_encoded.stride = 1;
   batch->k_encoded = once(batch->k_encoded);
-  ERN_TRY(ern_take_rows(stream, 2, n, &batch->q));
-  ERN_TRY(ern_take_rows(stream, ERN_Q_ROWS, n, &batch->q_encoded));
-  ERN_TRY(ern_take_rows(stream, 2, n, &batch->moved_by));
-  ERN_TRY(ern_take_rows(stream, 2, n, &batch->x));
-  ERN_TRY(ern_take_rows(stream, field->torso_grid.levels * field->torso_grid.features, n, &batch->grid));
-  ERN_TRY(ern_take_rows(stream, 4, n, &batch->raw));
-  ERN_TRY(ern_take_rows(stream, 4, n, &batch->layer));
+  ERN_TRY(ern_scratch_take_rows(stream, 2, n, &batch->q));
+  ERN_TRY(ern_scratch_take_rows(stream, ERN_Q_ROWS, n, &batch->q_encoded));
+  ERN_TRY(ern_scratch_take_rows(stream, 2, n, &batch->moved_by));
+  ERN_TRY(ern_scratch_take_rows(stream, 2, n, &batch->x));
+  ERN_TRY(ern_scratch_take_rows(stream, field->torso_grid.levels * field->torso_grid.features, n, &batch->grid));
+  ERN_TRY(ern_scratch_take_rows(stream, 4, n, &batch->raw));
+  ERN_TRY(ern_scratch_take_rows(stream, 4, n, &batch->layer));
 fail:
   return status;
 }

@@ -17,11 +17,11 @@
 #include <time.h>
 
 enum { SPINS = 200, MOST_LEVELS = 16, MOST_REQUESTS = 4, VALUES_TAG = 1, FIGURES_TAG = 2 };
-static const double give_up_seconds = 0.3;      /* mpirun kills 1 s after its request to end */
-static const double leave_seconds[2] = {2, 10}; /* of rank 0, and of others: it may have to save */
+static const double give_up_seconds = 0.3;          /* mpirun kills 1 s after its request to end */
+static const double exit_wait_seconds[2] = {2, 10}; /* of rank 0, and of others: it may have to save */
 
 struct own {
-  MPI_Comm all, leaving;
+  MPI_Comm all, exit_communicator;
   bool (*interrupted)(void);
   bool given_up; /* a message may still be in transit */
   int rank, size;
@@ -250,9 +250,9 @@ static ern_status open_world(struct ern_mpi_world *world, bool (*interrupted)(vo
     return ERN_E_NO_MEMORY;
   }
   if (code == MPI_SUCCESS) code = MPI_Comm_dup(MPI_COMM_WORLD, &own->all);
-  if (code == MPI_SUCCESS) code = MPI_Comm_dup(MPI_COMM_WORLD, &own->leaving);
+  if (code == MPI_SUCCESS) code = MPI_Comm_dup(MPI_COMM_WORLD, &own->exit_communicator);
   if (code == MPI_SUCCESS) code = MPI_Comm_set_errhandler(own->all, MPI_ERRORS_RETURN);
-  if (code == MPI_SUCCESS) code = MPI_Comm_set_errhandler(own->leaving, MPI_ERRORS_RETURN);
+  if (code == MPI_SUCCESS) code = MPI_Comm_set_errhandler(own->exit_communicator, MPI_ERRORS_RETURN);
   if (code != MPI_SUCCESS) {
     free(own);
     return fail("cannot begin", code, words);
@@ -265,12 +265,12 @@ static ern_status open_world(struct ern_mpi_world *world, bool (*interrupted)(vo
 }
 
 /* Whether all processes arrive here in time. A process that has given up only waits, as rank 0 may still save. */
-static bool all_leave(struct own *own) {
+static bool exit_barrier(struct own *own) {
   MPI_Request request = MPI_REQUEST_NULL;
   int done = 0;
-  const double began = MPI_Wtime(), most = leave_seconds[own->rank > 0];
+  const double began = MPI_Wtime(), most = exit_wait_seconds[own->rank > 0];
   if (own->given_up && own->rank == 0) return false;
-  if (!own->given_up && MPI_Ibarrier(own->leaving, &request) != MPI_SUCCESS) return false;
+  if (!own->given_up && MPI_Ibarrier(own->exit_communicator, &request) != MPI_SUCCESS) return false;
   while (!done && MPI_Wtime() - began < most) {
     if (!own->given_up && MPI_Test(&request, &done, MPI_STATUS_IGNORE) != MPI_SUCCESS) return false;
     pause_between(SPINS);
@@ -281,9 +281,9 @@ static bool all_leave(struct own *own) {
 static void close_world(struct ern_mpi_world *world, int exit_status) {
   struct own *own = world->communicator.user;
   if (own == NULL) return;
-  if (exit_status != 0 && !all_leave(own)) MPI_Abort(MPI_COMM_WORLD, exit_status);
+  if (exit_status != 0 && !exit_barrier(own)) MPI_Abort(MPI_COMM_WORLD, exit_status);
   (void)MPI_Comm_free(&own->all);
-  (void)MPI_Comm_free(&own->leaving);
+  (void)MPI_Comm_free(&own->exit_communicator);
   (void)MPI_Finalize();
   free(own->out);
   free(own->in);

@@ -18,14 +18,14 @@ struct ern_bundle_pose {
 void ern_bundle_pose_from(const struct ern_head_pose *pose, struct ern_bundle_pose *bundle);
 void ern_bundle_pose_to(const struct ern_bundle_pose *bundle, struct ern_head_pose *pose);
 
-struct ern_sighting {
+struct ern_observation {
   uint32_t point;
   float share; /* 0..1: multiplies the point's weight */
   float at[2]; /* pixels */
 };
 /* The points that a frame shows. */
-struct ern_sightings {
-  struct ern_sighting *list; /* [count], by rising `point` */
+struct ern_observations {
+  struct ern_observation *list; /* [count], by rising `point` */
   size_t count;
 };
 
@@ -33,15 +33,15 @@ struct ern_bundle {
   ern_context *context;
   double focal, centre; /* pixels */
   size_t frames, points;
-  const struct ern_sightings *seen; /* [frames] */
-  const float *weights;             /* [points], 0..1: how rigid a point is */
-  const double (*prior)[3];         /* [points]: their positions on the generic head, metres */
-  double (*shape)[3];               /* [points], metres */
-  struct ern_bundle_pose *poses;    /* [frames] */
+  const struct ern_observations *seen; /* [frames] */
+  const float *weights;                /* [points], 0..1: how rigid a point is */
+  const double (*prior)[3];            /* [points]: their positions on the generic head, metres */
+  double (*shape)[3];                  /* [points], metres */
+  struct ern_bundle_pose *poses;       /* [frames] */
 };
 
 /* Reprojection error: the distance in pixels between the observed point and its projection. */
-double ern_bundle_residual(const struct ern_bundle *bundle, size_t frame, const struct ern_sighting *seen);
+double ern_bundle_residual(const struct ern_bundle *bundle, size_t frame, const struct ern_observation *seen);
 
 /* Optimises the shape and the poses of frames chosen[count] (rising); the pose of frame `fixed` stays. */
 ERN_NODISCARD ern_status ern_bundle_adjust(struct ern_bundle *bundle, const size_t *chosen, size_t count, size_t fixed);

@@ -22,10 +22,10 @@ constexpr double pixels = 0.5, outlier = 3.0;
 constexpr double shape_spread = 0.008;
 /* Standard deviations of the change from frame to frame of rotation (radians), of lateral translation and of depth
  * (metres). What the pictures determine least (depth) is smoothed most. The Cauchy loss preserves nods. */
-constexpr double turn_change = 0.0015, way_change = 0.0002, depth_change = 0.0001;
+constexpr double turn_change = 0.0015, translation_change = 0.0002, depth_change = 0.0001;
 /* Weight of the reprojection costs. Flow errors are correlated between neighbouring pixels and frames, so n
  * observations count as 0.1 n. In full they would outweigh the generic head's depth where the head turns little. */
-constexpr double believed = 0.1;
+constexpr double reprojection_weight = 0.1;
 /* Limit of a residual, beyond any real head; squares of larger ones may overflow. */
 constexpr double most_residual = 1e12;
 
@@ -76,36 +76,36 @@ struct NearPrior {
 
 /* Second difference of the pose over time. Rotation vectors of neighbouring frames are close, so plain differences
  * suffice. */
-struct Steady {
+struct Smoothness {
   template <typename T>
   bool operator()(const T *before, const T *now, const T *after, T *residual) const {
     for (int i = 0; i < 6; i++) {
-      const double spread = i < 3 ? turn_change : i < 5 ? way_change : depth_change;
+      const double spread = i < 3 ? turn_change : i < 5 ? translation_change : depth_change;
       residual[i] = (before[i] - 2.0 * now[i] + after[i]) / spread;
     }
     return finite(residual, 6);
   }
 };
 
-float weight_of(const struct ern_bundle &b, const struct ern_sighting &seen) {
+float weight_of(const struct ern_bundle &b, const struct ern_observation &seen) {
   return b.weights[seen.point] * seen.share;
 }
-bool counts(const struct ern_bundle &b, const struct ern_sighting &seen) { return weight_of(b, seen) > 0.05F; }
+bool counts(const struct ern_bundle &b, const struct ern_observation &seen) { return weight_of(b, seen) > 0.05F; }
 
-Reprojection reprojection(const struct ern_bundle &b, const struct ern_sighting &seen) {
+Reprojection reprojection(const struct ern_bundle &b, const struct ern_observation &seen) {
   return {seen.at[0], seen.at[1], b.focal, b.centre, std::sqrt(static_cast<double>(weight_of(b, seen)))};
 }
 
 /* `sound`: every cost is finite at the start values. Ceres writes an error to stderr where one is not. */
 struct Adjustment {
   /* shared by all costs, of which a path has a million */
-  ceres::CauchyLoss pointed{outlier}, steady{3.0};
+  ceres::CauchyLoss reprojection_loss{outlier}, steady{3.0};
   ceres::ScaledLoss scaled;
   ceres::Problem problem;
   bool sound = true;
 
   explicit Adjustment(double share = 1)
-      : scaled(&pointed, share, ceres::DO_NOT_TAKE_OWNERSHIP), problem(without_losses()) {}
+      : scaled(&reprojection_loss, share, ceres::DO_NOT_TAKE_OWNERSHIP), problem(without_losses()) {}
 
   static ceres::Problem::Options without_losses() {
     ceres::Problem::Options options;
@@ -127,7 +127,7 @@ void add(Adjustment &adjustment, Cost *cost, ceres::LossFunction *loss, Blocks *
 
 void add_known(Adjustment &adjustment, const struct ern_bundle &b, size_t frame) {
   for (size_t k = 0; k < b.seen[frame].count; k++) {
-    const struct ern_sighting &seen = b.seen[frame].list[k];
+    const struct ern_observation &seen = b.seen[frame].list[k];
     if (!counts(b, seen)) continue;
     add<2, 6>(adjustment, new KnownReprojection{reprojection(b, seen), b.shape[seen.point]}, &adjustment.scaled,
               b.poses[frame].values);
@@ -178,7 +178,8 @@ extern "C" void ern_bundle_pose_to(const struct ern_bundle_pose *bundle, struct 
   std::copy_n(bundle->values + 3, 3, pose->translation);
 }
 
-extern "C" double ern_bundle_residual(const struct ern_bundle *bundle, size_t frame, const struct ern_sighting *seen) {
+extern "C" double ern_bundle_residual(const struct ern_bundle *bundle, size_t frame,
+                                      const struct ern_observation *seen) {
   double residual[2];
   Reprojection off = reprojection(*bundle, *seen);
   off.weight = pixels;
@@ -189,12 +190,12 @@ extern "C" double ern_bundle_residual(const struct ern_bundle *bundle, size_t fr
 extern "C" ern_status ern_bundle_adjust(struct ern_bundle *bundle, const size_t *chosen, size_t count, size_t fixed) {
   return guarded(bundle->context, [&] {
     const struct ern_bundle &b = *bundle;
-    Adjustment adjustment(believed);
+    Adjustment adjustment(reprojection_weight);
     ceres::Problem &problem = adjustment.problem;
     std::vector<bool> used(b.points, false);
     for (size_t i = 0; i < count; i++)
       for (size_t k = 0; k < b.seen[chosen[i]].count; k++) {
-        const struct ern_sighting &seen = b.seen[chosen[i]].list[k];
+        const struct ern_observation &seen = b.seen[chosen[i]].list[k];
         if (!counts(b, seen)) continue;
         used[seen.point] = true;
         add<2, 6, 3>(adjustment, new Reprojection(reprojection(b, seen)), &adjustment.scaled, b.poses[chosen[i]].values,
@@ -219,13 +220,13 @@ extern "C" ern_status ern_bundle_one(struct ern_bundle *bundle, size_t frame, si
 extern "C" ern_status ern_bundle_path(struct ern_bundle *bundle, size_t begin, size_t end) {
   return guarded(bundle->context, [&] {
     const struct ern_bundle &b = *bundle;
-    Adjustment adjustment(believed);
+    Adjustment adjustment(reprojection_weight);
     ceres::Problem &problem = adjustment.problem;
     for (size_t i = begin; i < end; i++) {
       problem.AddParameterBlock(b.poses[i].values, 6);
       add_known(adjustment, b, i);
       if (i >= 1 && i + 1 < end)
-        add<6, 6, 6, 6>(adjustment, new Steady(), &adjustment.steady, b.poses[i - 1].values, b.poses[i].values,
+        add<6, 6, 6, 6>(adjustment, new Smoothness(), &adjustment.steady, b.poses[i - 1].values, b.poses[i].values,
                         b.poses[i + 1].values);
     }
     for (size_t i = begin > 0 ? begin - 1 : 0; i < begin; i++)

@@ -187,7 +187,7 @@ static ern_status write_table(struct ern_prepare_job *job, const float *values, 
   struct ern_file_writer file = {0};
   double from = 0, to = 0;
   ern_prepare_part(job, &from, &to); /* timestamps are of the video, as --au takes them */
-  ERN_TRY(ern_prepare_claim(job, "au.csv", path));
+  ERN_TRY(ern_prepare_register_output(job, "au.csv", path));
   ERN_TRY(ern_file_writer_open(job->context, path, ERN_EXISTING_REPLACE, &file));
   ERN_TRY(ern_file_writer_write(&file, head, strlen(head)));
   for (size_t i = 0; i < count; i++) {
@@ -207,7 +207,7 @@ static ern_status from_table(struct ern_prepare_job *job) {
   float *values = NULL;
   size_t held = 0;
   ERN_TRY(ERN_NEW(job->context, job->frames, &values));
-  ERN_TRY(ern_openface_lids(job, job->options->au, values, &held));
+  ERN_TRY(ern_openface_blinks(job, job->options->au, values, &held));
   ERN_TRY(write_table(job, values, job->frames));
   if (held > 0) ern_openface_check(job, job->options->au, held);
 fail:
@@ -250,7 +250,7 @@ ern_status ern_prepare_eyes_check(struct ern_prepare_job *job) {
   size_t held = 0;
   if (job->options->au == NULL) return ERN_OK;
   ern_status status = ERN_NEW(job->context, job->frames, &values);
-  if (status == ERN_OK) status = ern_openface_lids(job, job->options->au, values, &held);
+  if (status == ERN_OK) status = ern_openface_blinks(job, job->options->au, values, &held);
   ern_release(job->context, values);
   return status;
 }

@@ -315,7 +315,7 @@ static ern_status write_frames(struct scan *s, const double region[4]) {
     if (image == NULL) ERN_TRY(ern_fail(job->context, ERN_E_FORMAT, "%s: changed while it was read", job->video));
     ERN_TRY(ern_picture_crop(job->context, image, region, job->side, &crop));
     snprintf(name, sizeof name, "ori_imgs/%zu.jpg", i);
-    ERN_TRY(ern_prepare_claim(job, name, path));
+    ERN_TRY(ern_prepare_register_output(job, name, path));
     ERN_TRY(ern_image_write(job->context, path, &crop, QUALITY));
     ern_image_free(job->context, &crop);
     ERN_TRY(ern_prepare_progress(job, s->before + s->frames + i + 1, s->before + 2 * s->frames));
@@ -355,7 +355,7 @@ static ern_status write_sound(struct scan *s) {
     data[i] = (int16_t)lrintf(fminf(fmaxf(value, -1), 1) * 32767);
   }
   const ern_sound sound = {.rate = SOUND_RATE, .channels = 1, .frames = length, .data = data};
-  ERN_TRY(ern_prepare_claim(job, "aud.wav", path));
+  ERN_TRY(ern_prepare_register_output(job, "aud.wav", path));
   ERN_TRY(ern_sound_write_wav(job->context, path, &sound));
 fail:
   ern_release(job->context, samples);

@@ -18,7 +18,7 @@ ern_status ern_prepare_features(struct ern_prepare_job *job) {
     ern_prepare_add_reason(job, ERN_PREPARE_DOUBTFUL,
                            "%s has %zu windows for %zu frames; the frames after the last window repeat it",
                            job->options->features, features.windows, job->frames);
-  ERN_TRY(ern_prepare_claim(job, "aud.npy", path));
+  ERN_TRY(ern_prepare_register_output(job, "aud.npy", path));
   ERN_TRY(ern_features_save(job->context, path, &features));
 fail:
   ern_features_free(job->context, &features);

@@ -12,7 +12,7 @@ ern_status ern_network_open(ern_context *context, const char *path, ern_onnx *lo
   uint8_t *bytes = nullptr;
   size_t count = 0;
   ern_status status = ern_file_read(context, path, FILE_LIMIT, &bytes, &count);
-  if (status == ERN_OK) status = ern_onnx_look(context, path, bytes, count, look);
+  if (status == ERN_OK) status = ern_onnx_inspect(context, path, bytes, count, look);
   if (status == ERN_OK && (look->dims != 4 || look->shape[0] != 1 || look->shape[1] != 3 || look->shape[2] < 16 ||
                            look->shape[2] > SIDE_LIMIT || look->shape[3] < 16 || look->shape[3] > SIDE_LIMIT))
     status = ern_fail(context, ERN_E_UNSUPPORTED,

@@ -28,11 +28,11 @@ struct tracking {
   size_t count;                    /* of references */
   size_t at[REFERENCES];           /* their frames */
   struct ern_flow_reference *references[REFERENCES];
-  size_t first[REFERENCES + 1]; /* their first points */
-  float shares[REFERENCES];     /* 0..1: the weight of each reference in the present frame */
-  struct ern_sightings *seen;   /* [frames] */
-  float (*found)[2];            /* [points]: of the present frame; NaN: not seen */
-  float *weights;               /* [points] */
+  size_t first[REFERENCES + 1];  /* their first points */
+  float shares[REFERENCES];      /* 0..1: the weight of each reference in the present frame */
+  struct ern_observations *seen; /* [frames] */
+  float (*found)[2];             /* [points]: of the present frame; NaN: not seen */
+  float *weights;                /* [points] */
   double (*prior)[3], (*shape)[3];
 };
 
@@ -159,17 +159,18 @@ static void forget_points(struct tracking *t) {
 
 /* Stores the found points of a frame as a list, as a frame shows at most half of all points. */
 static ern_status keep_points(struct tracking *t, size_t frame) {
-  struct ern_sightings *seen = &t->seen[frame];
+  struct ern_observations *seen = &t->seen[frame];
   const size_t points = t->first[t->count];
   size_t count = 0;
   for (size_t k = 0; k < points; k++) count += isnan(t->found[k][0]) ? 0 : 1;
   ern_release(t->job->context, seen->list);
-  *seen = (struct ern_sightings){0};
+  *seen = (struct ern_observations){0};
   const ern_status status = ERN_NEW(t->job->context, count, &seen->list);
   for (size_t r = 0; r < t->count && status == ERN_OK; r++)
     for (size_t k = t->first[r]; k < t->first[r + 1]; k++)
       if (!isnan(t->found[k][0]))
-        seen->list[seen->count++] = (struct ern_sighting){(uint32_t)k, t->shares[r], {t->found[k][0], t->found[k][1]}};
+        seen->list[seen->count++] =
+            (struct ern_observation){(uint32_t)k, t->shares[r], {t->found[k][0], t->found[k][1]}};
   return status;
 }
 
@@ -248,7 +249,7 @@ static ern_status weigh(struct tracking *t, const size_t *chosen, size_t count) 
   ERN_TRY(ERN_NEW(context, bundle.points, &sorted));
   for (size_t i = 0; i < count; i++)
     for (size_t k = 0; k < bundle.seen[chosen[i]].count; k++) {
-      const struct ern_sighting *seen = &bundle.seen[chosen[i]].list[k];
+      const struct ern_observation *seen = &bundle.seen[chosen[i]].list[k];
       values[seen->point][counts[seen->point]++] = (float)ern_bundle_residual(&bundle, chosen[i], seen);
     }
   for (size_t k = 0; k < bundle.points; k++) {
@@ -384,7 +385,7 @@ static ern_status measure(struct tracking *t, struct support *support) {
   for (size_t i = 0; i < bundle.frames && status == ERN_OK; i++) {
     size_t n = 0;
     for (size_t k = 0; k < bundle.seen[i].count; k++) {
-      const struct ern_sighting *seen = &bundle.seen[i].list[k];
+      const struct ern_observation *seen = &bundle.seen[i].list[k];
       if (bundle.weights[seen->point] > 0.3f)
         values[n++] = (float)ern_bundle_residual(&bundle, i, seen) * 512 / (float)t->job->side;
     }
@@ -400,7 +401,7 @@ static ern_status write_support(struct tracking *t, const struct support *suppor
   ern_status status = ERN_OK;
   char path[ERN_PREPARE_PATH], line[128];
   struct ern_file_writer file = {0};
-  ERN_TRY(ern_prepare_claim(t->job, "prepare/pose.csv", path));
+  ERN_TRY(ern_prepare_register_output(t->job, "prepare/pose.csv", path));
   ERN_TRY(ern_file_writer_open(t->job->context, path, ERN_EXISTING_REPLACE, &file));
   ERN_TRY(ern_file_writer_write(&file, head, strlen(head)));
   for (size_t i = 0; i < t->job->frames; i++) {
@@ -415,7 +416,7 @@ fail:
 }
 
 /* Jitter: the mean change, in degrees, of the head's rotation from a frame to the next. */
-static double tremble_of(const struct tracking *t) {
+static double jitter_of(const struct tracking *t) {
   double sum = 0;
   for (size_t i = 1; i + 1 < t->job->frames; i++) {
     double square = 0;
@@ -487,7 +488,7 @@ static ern_status check_tracking(struct tracking *t) {
   struct support *support = NULL;
   float *residuals = NULL, *counts = NULL;
   size_t held = 0, lost = 0, hidden = 0;
-  struct findings f = {.tremble = tremble_of(t)};
+  struct findings f = {.tremble = jitter_of(t)};
   ERN_TRY(ERN_NEW(t->job->context, frames, &support));
   ERN_TRY(ERN_NEW(t->job->context, frames, &residuals));
   ERN_TRY(ERN_NEW(t->job->context, frames, &counts));

@@ -36,7 +36,7 @@ static struct beside lay_beside(const struct ern_prepare_job *job, const struct 
 /* Statistics over all frames. Our own poses of eight videos gave: width / wide 1.1 to 1.3, at most 0.16 widths apart,
  * and correlations of 0.77 to 0.99 where the face moves by more than 0.025 of its width (standard deviation). */
 struct agreement {
-  size_t count, astray;
+  size_t count, mismatches;
   long worst;                  /* frame with the greatest distance */
   double farthest, size;       /* widths of the face; mean of log(width / wide) */
   double moved[2], follows[2]; /* along x and y: standard deviation of found, in widths; correlation with at */
@@ -50,7 +50,7 @@ static struct agreement agree(const struct ern_prepare_job *job, const struct er
     if (faces[i].frame >= job->frames || !(faces[i].width > 0)) continue;
     const struct beside b = lay_beside(job, &poses[faces[i].frame], &faces[i]);
     const double apart = hypot(b.at[0] - b.found[0], b.at[1] - b.found[1]) / b.width, n = (double)++a.count;
-    a.astray += apart > 0.35;
+    a.mismatches += apart > 0.35;
     if (apart > a.farthest) a.worst = (long)faces[i].frame;
     a.farthest = fmax(a.farthest, apart);
     a.size += (log(b.width / b.wide) - a.size) / n;
@@ -76,14 +76,14 @@ static struct agreement agree(const struct ern_prepare_job *job, const struct er
 static void check_agreement(struct ern_prepare_job *job, const struct agreement *a) {
   const char *file = job->options->poses;
   const double size = exp(a->size);
-  ern_prepare_figure(job, "astray", a->count > 0 ? (double)a->astray / (double)a->count : 0);
+  ern_prepare_figure(job, "astray", a->count > 0 ? (double)a->mismatches / (double)a->count : 0);
   ern_prepare_figure(job, "face_over_head", size);
-  if (a->astray > 0)
+  if (a->mismatches > 0)
     ern_prepare_add_reason(
         job, ERN_PREPARE_DOUBTFUL,
         "%s: in %zu of the %zu frames where a face was found the pose has the head elsewhere, furthest in "
         "frame %ld; expected it within a third of a face of what was found",
-        file, a->astray, a->count, a->worst);
+        file, a->mismatches, a->count, a->worst);
   if (a->count > 0 && (size < 0.8 || size > 1.8))
     ern_prepare_add_reason(
         job, ERN_PREPARE_DOUBTFUL,
@@ -118,17 +118,17 @@ fail:
 ern_status ern_prepare_poses_take(struct ern_prepare_job *job) {
   ern_status status = ERN_OK;
   struct ern_head_pose *poses = NULL;
-  size_t unheard = 0;
+  size_t audio_mismatches = 0;
   ERN_TRY(ERN_NEW(job->context, job->frames, &poses));
-  ERN_TRY(ern_prepare_poses_supplied(job, poses, &unheard));
+  ERN_TRY(ern_prepare_poses_supplied(job, poses, &audio_mismatches));
   ERN_TRY(check_supplied(job, poses));
   ERN_TRY(ern_prepare_poses_write(job, poses));
-  if (unheard > 0)
+  if (audio_mismatches > 0)
     ern_prepare_add_reason(
         job, ERN_PREPARE_DOUBTFUL,
         "aud_id is not img_id in %zu of %zu frames of %s, and was not taken: in the clip, each frame "
         "has the speech window of its own number",
-        unheard, job->frames, job->options->poses);
+        audio_mismatches, job->frames, job->options->poses);
 fail:
   ern_release(job->context, poses);
   return status;

@@ -16,7 +16,7 @@
 #include "prepare/report.h"
 #include "prepare/segment.h"
 
-enum { OPTIONS_COOKIE = 0x70726570, SETTINGS = 2 * ERN_PREPARE_MARK + 600 };
+enum { OPTIONS_COOKIE = 0x70726570, SETTINGS = 2 * ERN_PREPARE_FINGERPRINT_BYTES + 600 };
 
 static const struct step {
   const char *name;
@@ -31,7 +31,7 @@ static const struct step {
 
 void ern_prepare_options_fill(ern_prepare_options *options, size_t bytes) {
   const ern_prepare_options own = {.cookie = OPTIONS_COOKIE, .side = 512};
-  ern_config_give(options, bytes, &own, sizeof own);
+  ern_config_copy_out(options, bytes, &own, sizeof own);
 }
 
 /* Replaces non-ASCII bytes by '?' where a text is not UTF-8, as JSON needs: a file name need not be. */
@@ -45,24 +45,24 @@ static void keep_text(char *text) {
 /* The settings that a step's result depends on, beside the earlier steps. */
 static void settings_of(const struct ern_prepare_job *job, size_t step, char settings[SETTINGS]) {
   const ern_prepare_options *o = job->options;
-  char a[ERN_PREPARE_MARK], b[ERN_PREPARE_MARK];
+  char a[ERN_PREPARE_FINGERPRINT_BYTES], b[ERN_PREPARE_FINGERPRINT_BYTES];
   settings[0] = 0;
   switch (step) {
     case 0:
-      if (o->detector != NULL) snprintf(settings, SETTINGS, "detector %s", ern_prepare_mark(o->detector, a));
+      if (o->detector != NULL) snprintf(settings, SETTINGS, "detector %s", ern_prepare_fingerprint(o->detector, a));
       break;
     case 1: /* supplied landmarks give the eyes from which tracking begins */
-      snprintf(settings, SETTINGS, "focal %.9g poses %s%s%s", o->focal, ern_prepare_mark(o->poses, a),
+      snprintf(settings, SETTINGS, "focal %.9g poses %s%s%s", o->focal, ern_prepare_fingerprint(o->poses, a),
                o->poses == NULL && o->landmarks != NULL ? " landmarks " : "",
-               o->poses == NULL ? ern_prepare_mark(o->landmarks, b) : "");
+               o->poses == NULL ? ern_prepare_fingerprint(o->landmarks, b) : "");
       break;
-    case 2: snprintf(settings, SETTINGS, "landmarks %s", ern_prepare_mark(o->landmarks, a)); break;
+    case 2: snprintf(settings, SETTINGS, "landmarks %s", ern_prepare_fingerprint(o->landmarks, a)); break;
     case 3:
       snprintf(settings, SETTINGS, "%smasks %s background %s", o->head_only ? "head only " : "",
-               ern_prepare_mark(o->masks, a), ern_prepare_mark(o->background, b));
+               ern_prepare_fingerprint(o->masks, a), ern_prepare_fingerprint(o->background, b));
       break;
-    case 4: snprintf(settings, SETTINGS, "au %s", ern_prepare_mark(o->au, a)); break;
-    case 5: snprintf(settings, SETTINGS, "features %s", ern_prepare_mark(o->features, a)); break;
+    case 4: snprintf(settings, SETTINGS, "au %s", ern_prepare_fingerprint(o->au, a)); break;
+    case 5: snprintf(settings, SETTINGS, "features %s", ern_prepare_fingerprint(o->features, a)); break;
     default: break;
   }
   keep_text(settings);
@@ -112,7 +112,7 @@ static ern_status open_supplied(const struct ern_prepare_job *job) {
   const char *const paths[] = {place, o->landmarks, o->poses, o->masks, o->au, o->features, o->detector};
   for (size_t i = 0; i < sizeof paths / sizeof *paths; i++) {
     const int file = paths[i] != NULL ? open(paths[i], O_RDONLY | O_CLOEXEC | O_NONBLOCK) : -1;
-    if (paths[i] != NULL && file < 0) return ern_file_refused(job->context, paths[i], "open");
+    if (paths[i] != NULL && file < 0) return ern_file_fail(job->context, paths[i], "open");
     if (file >= 0) close(file);
   }
   return ERN_OK;
@@ -180,7 +180,7 @@ static ern_status check_options(ern_context *context, const ern_prepare_options 
 
 /* Makes the clip unusable for training while it has files of older results: removes poses or bc.jpg, which training
  * needs. */
-static ern_status break_clip(struct ern_prepare_job *job, size_t step) {
+static ern_status invalidate_clip(struct ern_prepare_job *job, size_t step) {
   static const char *const poses[] = {"transforms_train.json", "transforms_val.json"};
   ern_status status = ERN_OK;
   for (int i = 0; i < 2 && step == 1; i++) ERN_TRY(ern_prepare_remove_made(job, poses[i]));
@@ -200,14 +200,14 @@ static ern_status run_step(struct ern_prepare_job *job, size_t step, const char 
   for (size_t i = step + 1; i < ERN_PREPARE_STEPS - (step > 0) && step < 3; i++) stale[count++] = steps[i].name;
   if (step > 0) { /* else an interrupted step would count as done */
     ERN_TRY(ern_prepare_record_strike(job, stale, count));
-    ERN_TRY(break_clip(job, step));
+    ERN_TRY(invalidate_clip(job, step));
   }
   ERN_TRY(steps[step].run(job));
   const bool refused = job->verdict->grade == ERN_PREPARE_REFUSED;
   if (refused && step == 0 && job->frames > 0) goto refuse; /* the files and the record of an earlier call stay */
   if (job->frames > 0) (void)json_object_set_new(job->record, "frames", json_integer((json_int_t)job->frames));
   ERN_TRY(ern_prepare_record_enter(job, settings, stale, count));
-  if (refused) ERN_TRY(break_clip(job, step));
+  if (refused) ERN_TRY(invalidate_clip(job, step));
   job->refused = refused;
 refuse:
   if (refused)
@@ -268,7 +268,7 @@ static ern_status report(struct ern_prepare_job *job, const ern_prepare_result *
 /* Runs at the end of a call and keeps the call's error. */
 static void note_made(struct ern_prepare_job *job) {
   char kept[ERN_ERROR_BYTES];
-  if (!ern_prepare_stays(job)) return;
+  if (!ern_prepare_folder_unchanged(job)) return;
   ern_error_keep(job->context, kept);
   if (ern_prepare_note_made(job) != ERN_OK) ern_error_restore(job->context, kept);
 }
@@ -288,7 +288,7 @@ ern_status ern_prepare_sized(ern_context *context, const char *video, const char
   int lock = -1;
   bool opened = false;
   ern_status status = ERN_OK;
-  ERN_TRY(ERN_TAKE_CONFIG(context, ern_prepare_options, &own, options));
+  ERN_TRY(ERN_COPY_IN_CONFIG(context, ern_prepare_options, &own, options));
   ERN_TRY(check_paths(context, &own));
   ERN_TRY(check_options(context, &own, &only));
   job.side = own.side;
@@ -303,9 +303,10 @@ ern_status ern_prepare_sized(ern_context *context, const char *video, const char
   if (status == ERN_OK || job.refused) ERN_TRY(report(&job, &found, status));
 fail:
   if (opened) note_made(&job);
-  if (status != ERN_OK && job.made && ern_prepare_stays(&job)) (void)rmdir(folder); /* only where it is empty */
+  if (status != ERN_OK && job.made && ern_prepare_folder_unchanged(&job))
+    (void)rmdir(folder); /* only where it is empty */
   if (lock >= 0) close(lock);
   json_decref(job.record);
-  ern_struct_give(result, bytes, &found, sizeof found);
+  ern_struct_copy_out(result, bytes, &found, sizeof found);
   return status;
 }

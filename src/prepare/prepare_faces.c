@@ -20,7 +20,7 @@ ern_status ern_prepare_faces_write(struct ern_prepare_job *job, const struct ern
   struct ern_file_writer file = {0};
   ERN_TRY(ern_prepare_path(job, path, "prepare"));
   ERN_TRY(ern_folder_make(job->context, path));
-  ERN_TRY(ern_prepare_claim(job, "prepare/faces.csv", path));
+  ERN_TRY(ern_prepare_register_output(job, "prepare/faces.csv", path));
   ERN_TRY(ern_file_writer_open(job->context, path, ERN_EXISTING_REPLACE, &file));
   for (int i = 0; i < COLUMNS; i++) {
     const int length = snprintf(line, sizeof line, "%s%s", columns[i], i + 1 < COLUMNS ? "," : "\n");

@@ -29,15 +29,15 @@ static size_t add_files(const char *path, struct stat *about) {
   return count;
 }
 
-const char *ern_prepare_mark(const char *path, char mark[ERN_PREPARE_MARK]) {
+const char *ern_prepare_fingerprint(const char *path, char mark[ERN_PREPARE_FINGERPRINT_BYTES]) {
   struct stat about;
   mark[0] = 0;
   if (path != NULL && stat(path, &about) == 0) {
     const size_t count = S_ISDIR(about.st_mode) ? add_files(path, &about) : 1;
-    snprintf(mark, ERN_PREPARE_MARK, "%s %zu %lld %lld.%09ld", path, count, (long long)about.st_size,
+    snprintf(mark, ERN_PREPARE_FINGERPRINT_BYTES, "%s %zu %lld %lld.%09ld", path, count, (long long)about.st_size,
              (long long)about.st_mtim.tv_sec, about.st_mtim.tv_nsec);
   } else if (path != NULL) {
-    snprintf(mark, ERN_PREPARE_MARK, "%s", path);
+    snprintf(mark, ERN_PREPARE_FINGERPRINT_BYTES, "%s", path);
   }
   return mark;
 }

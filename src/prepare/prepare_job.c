@@ -7,14 +7,14 @@
 #include <string.h>
 #include <sys/stat.h>
 
-bool ern_prepare_stays(const struct ern_prepare_job *job) {
+bool ern_prepare_folder_unchanged(const struct ern_prepare_job *job) {
   struct stat about;
   return job->inode == 0 ||
          (stat(job->folder, &about) == 0 && about.st_dev == job->device && about.st_ino == job->inode);
 }
 
-ern_status ern_prepare_check_stays(const struct ern_prepare_job *job) {
-  if (ern_prepare_stays(job)) return ERN_OK;
+ern_status ern_prepare_check_folder(const struct ern_prepare_job *job) {
+  if (ern_prepare_folder_unchanged(job)) return ERN_OK;
   return ern_fail(job->context, ERN_E_IO,
                   "%s: is no longer the folder that this call began in, which was moved or removed; expected it to "
                   "stay until the end",
@@ -37,7 +37,7 @@ static ern_status refuse_links(const struct ern_prepare_job *job, char path[ERN_
 ern_status ern_prepare_path(const struct ern_prepare_job *job, char path[ERN_PREPARE_PATH], const char *format, ...) {
   const int before = snprintf(path, ERN_PREPARE_PATH, "%s/", job->folder);
   int after = -1;
-  const ern_status status = ern_prepare_check_stays(job);
+  const ern_status status = ern_prepare_check_folder(job);
   if (status != ERN_OK) return status;
   if (before > 0 && before < ERN_PREPARE_PATH) {
     va_list list;

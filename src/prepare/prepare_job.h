@@ -22,7 +22,7 @@ extern "C" {
 
 enum {
   ERN_PREPARE_PATH = 4096,
-  ERN_PREPARE_MARK = ERN_PREPARE_PATH + 104,
+  ERN_PREPARE_FINGERPRINT_BYTES = ERN_PREPARE_PATH + 104,
   ERN_PREPARE_RATE = 25,
   ERN_PREPARE_FRAMES = 30 * 60 * ERN_PREPARE_RATE,
   ERN_PREPARE_MORE = 2, /* allowed difference between the rows or windows of a part of a video and its frames */
@@ -68,11 +68,11 @@ struct ern_found_face {
 };
 
 /* Whether the folder's path still names the folder that the record was opened in. */
-bool ern_prepare_stays(const struct ern_prepare_job *job);
+bool ern_prepare_folder_unchanged(const struct ern_prepare_job *job);
 /* ERN_E_IO where it does not: another folder has taken the path. */
-ERN_NODISCARD ern_status ern_prepare_check_stays(const struct ern_prepare_job *job);
+ERN_NODISCARD ern_status ern_prepare_check_folder(const struct ern_prepare_job *job);
 /* Formats FOLDER/ and the rest by printf. ERN_E_ARGUMENT where the path is too long, ERN_E_EXISTS where it is a
- * symbolic link, ERN_E_IO as in ern_prepare_check_stays. */
+ * symbolic link, ERN_E_IO as in ern_prepare_check_folder. */
 ERN_NODISCARD ern_status ern_prepare_path(const struct ern_prepare_job *job, char path[ERN_PREPARE_PATH],
                                           const char *format, ...) ERN_PRINTF(3, 4);
 /* The part of the video that becomes the clip, seconds after the video's first frame; *to 0: up to its end. */
@@ -85,9 +85,9 @@ ERN_NODISCARD ern_status ern_prepare_picture(const struct ern_prepare_job *job, 
  */
 ERN_NODISCARD ern_status ern_prepare_poses_read(struct ern_prepare_job *job, struct ern_head_pose *poses);
 /* Reads the poses from the file options->poses. Checks that its focal length and distances are plausible for a head.
- * *unheard: the number of frames whose aud_id is not their img_id. */
+ * *audio_mismatches: the number of frames whose aud_id is not their img_id. */
 ERN_NODISCARD ern_status ern_prepare_poses_supplied(struct ern_prepare_job *job, struct ern_head_pose *poses,
-                                                    size_t *unheard);
+                                                    size_t *audio_mismatches);
 ERN_NODISCARD ern_status ern_prepare_poses_write(struct ern_prepare_job *job, const struct ern_head_pose *poses);
 /* poses_supplied.c. The step "pose" with the poses of options->poses. */
 ERN_NODISCARD ern_status ern_prepare_poses_take(struct ern_prepare_job *job);
@@ -103,7 +103,7 @@ ERN_NODISCARD ern_status ern_prepare_faces_write(struct ern_prepare_job *job, co
 
 /* prepare_files.c. Writes a fingerprint of the user's file: path, size, modification time; of a folder: path, count,
  * total size, newest time of its files. A changed file has another mark. Returns `mark`, "" for path NULL. */
-const char *ern_prepare_mark(const char *path, char mark[ERN_PREPARE_MARK]);
+const char *ern_prepare_fingerprint(const char *path, char mark[ERN_PREPARE_FINGERPRINT_BYTES]);
 /* Counts the files ID.ENDING (".lms") of a supplied folder. ERN_E_MISMATCH where there are more than frames: they then
  * belong to a longer video, and the clip may be another part of it. */
 ERN_NODISCARD ern_status ern_prepare_check_count(const struct ern_prepare_job *job, const char *folder,
@@ -116,7 +116,8 @@ bool ern_prepare_files_there(const struct ern_prepare_job *job, size_t step);
 ERN_NODISCARD ern_status ern_prepare_check_files(struct ern_prepare_job *job, size_t step, bool anew);
 /* The path of a file that is about to be written; `name` is relative to the clip ("bc.jpg", "gt_imgs/3.jpg"). Records
  * that `prepare` made it, or for a frame's file those of all frames. ERN_E_EXISTS as in ern_prepare_check_files. */
-ERN_NODISCARD ern_status ern_prepare_claim(struct ern_prepare_job *job, const char *name, char path[ERN_PREPARE_PATH]);
+ERN_NODISCARD ern_status ern_prepare_register_output(struct ern_prepare_job *job, const char *name,
+                                                     char path[ERN_PREPARE_PATH]);
 /* Call it at the start and the end of a call. Records the state of the files that `prepare` made, so that a file that
  * changes later counts as the user's; drops the entries of files that do not exist. */
 ERN_NODISCARD ern_status ern_prepare_note_made(struct ern_prepare_job *job);

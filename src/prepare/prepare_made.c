@@ -130,7 +130,7 @@ static ern_status take_away(struct ern_prepare_job *job, int folder, const char 
   const int refused = errno;
   const ern_status status = ern_prepare_path(job, path, "%s%s%s", inside, inside[0] != 0 ? "/" : "", name);
   errno = refused;
-  return status == ERN_OK ? ern_file_refused(job->context, path, "remove") : status;
+  return status == ERN_OK ? ern_file_fail(job->context, path, "remove") : status;
 }
 
 /* Removes the files of the table from `first` on that are in its folder; *next: the first entry of another folder. */
@@ -141,7 +141,7 @@ static ern_status clear_folder(struct ern_prepare_job *job, int first, int *next
   int folder = -1;
   for (*next = first; *next < FILES && strcmp(files[*next].folder, inside) == 0;) (*next)++;
   if (snprintf(path, sizeof path, "%s/%s", job->folder, inside) >= (int)sizeof path) return ERN_OK;
-  ERN_TRY(ern_prepare_check_stays(job));
+  ERN_TRY(ern_prepare_check_folder(job));
   folder = open(path, O_RDONLY | O_DIRECTORY | O_CLOEXEC | (inside[0] != 0 ? O_NOFOLLOW : 0));
   if (folder < 0) return ERN_OK; /* it does not exist, or is a link */
   for (int k = first; k < *next; k++) {
@@ -193,10 +193,10 @@ ern_status ern_prepare_remove_made(struct ern_prepare_job *job, const char *name
   size_t id = 0;
   const struct file *file = find(name, &id);
   if (file == NULL || !is_made(job, file)) return ERN_OK;
-  ern_status status = ern_prepare_check_stays(job);
+  ern_status status = ern_prepare_check_folder(job);
   if (status != ERN_OK) return status;
   const int folder = open(job->folder, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-  if (folder < 0) return ern_file_refused(job->context, job->folder, "open");
+  if (folder < 0) return ern_file_fail(job->context, job->folder, "open");
   status = take_away(job, folder, "", name);
   close(folder);
   if (status != ERN_OK) return status;
@@ -271,7 +271,7 @@ static ern_status note(struct ern_prepare_job *job, const struct file *file, jso
   return ern_fail(job->context, ERN_E_NO_MEMORY, "%s: no memory for its record", job->folder);
 }
 
-ern_status ern_prepare_claim(struct ern_prepare_job *job, const char *name, char path[ERN_PREPARE_PATH]) {
+ern_status ern_prepare_register_output(struct ern_prepare_job *job, const char *name, char path[ERN_PREPARE_PATH]) {
   ern_status status = ERN_OK;
   size_t id = 0;
   const struct file *file = find(name, &id);

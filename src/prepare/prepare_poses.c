@@ -49,7 +49,7 @@ static ern_status write_part(struct ern_prepare_job *job, const char *name, cons
   char path[ERN_PREPARE_PATH], line[1024];
   struct ern_file_writer file = {0};
   const double centre = 0.5 * job->side;
-  ERN_TRY(ern_prepare_claim(job, name, path));
+  ERN_TRY(ern_prepare_register_output(job, name, path));
   ERN_TRY(ern_file_writer_open(job->context, path, ERN_EXISTING_REPLACE, &file));
   int length = snprintf(line, sizeof line,
                         "{\"focal_len\": %.9g, \"cx\": %.9g, \"cy\": %.9g, \"w\": %d, \"h\": %d, \"frames\": [",
@@ -141,10 +141,10 @@ static ern_status check_angle(struct ern_prepare_job *job, const char *path, con
                   path, first, found, angle(&poses[first]), beyond, job->frames, most, expected);
 }
 
-/* Reads the poses of a file by img_id; seen[frames] marks the frames that have one. `unheard`: as in
+/* Reads the poses of a file by img_id; seen[frames] marks the frames that have one. `audio_mismatches`: as in
  * ern_prepare_poses_supplied(), counted on; NULL: a file of the clip's own. */
 static ern_status read_file(struct ern_prepare_job *job, const char *path, struct ern_head_pose *poses, bool *seen,
-                            size_t *unheard) {
+                            size_t *audio_mismatches) {
   ern_pose_list list = {0};
   ern_status status = ERN_OK;
   ERN_TRY(ern_pose_list_load(job->context, path, &list));
@@ -153,7 +153,7 @@ static ern_status read_file(struct ern_prepare_job *job, const char *path, struc
     ERN_TRY(ern_fail(job->context, ERN_E_MISMATCH,
                      "%s: is for pictures of %d x %d with the middle at %g, %g; expected %d x %d with the middle at %g",
                      path, list.width, list.height, list.cx, list.cy, job->side, job->side, 0.5 * job->side));
-  if (unheard != NULL) ERN_TRY(check_camera(job, path, list.focal));
+  if (audio_mismatches != NULL) ERN_TRY(check_camera(job, path, list.focal));
   for (size_t i = 0; i < list.count; i++) {
     const size_t frame = (size_t)list.poses[i].img_id;
     if (frame >= job->frames)
@@ -168,9 +168,9 @@ static ern_status read_file(struct ern_prepare_job *job, const char *path, struc
                        "%s: frame %zu: field transform_matrix has the head %g behind the camera, which looks along -z; "
                        "expected it before the camera",
                        path, i, poses[frame].translation[2]));
-    if (unheard != NULL) ERN_TRY(check_distance(job, path, i, list.focal, -poses[frame].translation[2]));
-    if (unheard != NULL) ERN_TRY(check_place(job, path, i, list.focal, &poses[frame]));
-    if (unheard != NULL) *unheard += list.poses[i].aud_id != list.poses[i].img_id;
+    if (audio_mismatches != NULL) ERN_TRY(check_distance(job, path, i, list.focal, -poses[frame].translation[2]));
+    if (audio_mismatches != NULL) ERN_TRY(check_place(job, path, i, list.focal, &poses[frame]));
+    if (audio_mismatches != NULL) *audio_mismatches += list.poses[i].aud_id != list.poses[i].img_id;
     seen[frame] = true;
   }
   job->focal = list.focal;
@@ -181,17 +181,17 @@ fail:
 
 /* Reads the poses from one file; supplied NULL: from the clip's two files. */
 static ern_status read_poses(struct ern_prepare_job *job, const char *supplied, struct ern_head_pose *poses,
-                             size_t *unheard) {
+                             size_t *audio_mismatches) {
   static const char *const parts[] = {"transforms_train.json", "transforms_val.json"};
   ern_status status = ERN_OK;
   char path[ERN_PREPARE_PATH];
   bool *seen = NULL;
-  if (unheard != NULL) *unheard = 0;
+  if (audio_mismatches != NULL) *audio_mismatches = 0;
   ERN_TRY(ERN_NEW(job->context, job->frames, &seen));
-  if (supplied != NULL) ERN_TRY(read_file(job, supplied, poses, seen, unheard));
+  if (supplied != NULL) ERN_TRY(read_file(job, supplied, poses, seen, audio_mismatches));
   for (int i = 0; i < 2 && supplied == NULL; i++) {
     ERN_TRY(ern_prepare_path(job, path, "%s", parts[i]));
-    ERN_TRY(read_file(job, path, poses, seen, unheard));
+    ERN_TRY(read_file(job, path, poses, seen, audio_mismatches));
   }
   for (size_t i = 0; i < job->frames; i++)
     if (!seen[i])
@@ -212,16 +212,17 @@ ern_status ern_prepare_poses_read(struct ern_prepare_job *job, struct ern_head_p
   return read_poses(job, NULL, poses, NULL);
 }
 
-ern_status ern_prepare_poses_supplied(struct ern_prepare_job *job, struct ern_head_pose *poses, size_t *unheard) {
-  return read_poses(job, job->options->poses, poses, unheard);
+ern_status ern_prepare_poses_supplied(struct ern_prepare_job *job, struct ern_head_pose *poses,
+                                      size_t *audio_mismatches) {
+  return read_poses(job, job->options->poses, poses, audio_mismatches);
 }
 
 ern_status ern_prepare_pose_check(struct ern_prepare_job *job) {
   struct ern_head_pose *poses = NULL;
-  size_t unheard = 0;
+  size_t audio_mismatches = 0;
   if (job->options->poses == NULL) return ERN_OK;
   ern_status status = ERN_NEW(job->context, job->frames, &poses);
-  if (status == ERN_OK) status = ern_prepare_poses_supplied(job, poses, &unheard);
+  if (status == ERN_OK) status = ern_prepare_poses_supplied(job, poses, &audio_mismatches);
   ern_release(job->context, poses);
   return status;
 }

@@ -20,7 +20,7 @@ static const char *const grades[] = {"good", "doubtful", "refused"};
 static ern_status is_empty(struct ern_prepare_job *job, bool *empty) {
   DIR *list = opendir(job->folder);
   *empty = true;
-  if (list == NULL) return ern_file_refused(job->context, job->folder, "open");
+  if (list == NULL) return ern_file_fail(job->context, job->folder, "open");
   for (struct dirent *entry = readdir(list); entry != NULL && *empty; entry = readdir(list))
     *empty = strcmp(entry->d_name, ".") == 0 || strcmp(entry->d_name, "..") == 0;
   closedir(list);
@@ -135,16 +135,16 @@ ern_status ern_prepare_record_open(struct ern_prepare_job *job, int *lock) {
   struct stat video, folder;
   json_t *about = NULL;
   *lock = -1;
-  if (stat(job->video, &video) != 0) ERN_TRY(ern_file_refused(job->context, job->video, "open"));
+  if (stat(job->video, &video) != 0) ERN_TRY(ern_file_fail(job->context, job->video, "open"));
   job->made = access(job->folder, F_OK) != 0;
   ERN_TRY(ern_folder_make(job->context, job->folder));
   about = source(job, &video);
   if (about == NULL) ERN_TRY(ern_fail(job->context, ERN_E_NO_MEMORY, "%s: no memory", job->folder));
   *lock = open(job->folder, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-  if (*lock < 0) ERN_TRY(ern_file_refused(job->context, job->folder, "open"));
+  if (*lock < 0) ERN_TRY(ern_file_fail(job->context, job->folder, "open"));
   if (flock(*lock, LOCK_EX | LOCK_NB) != 0)
     ERN_TRY(ern_fail(job->context, ERN_E_BUSY, "%s: another process prepares it", job->folder));
-  if (fstat(*lock, &folder) != 0) ERN_TRY(ern_file_refused(job->context, job->folder, "open"));
+  if (fstat(*lock, &folder) != 0) ERN_TRY(ern_file_fail(job->context, job->folder, "open"));
   job->device = folder.st_dev;
   job->inode = folder.st_ino;
   ERN_TRY(open_record(job, about));

@@ -45,7 +45,7 @@ ern_status ern_report_overlay(struct ern_prepare_job *job) {
     ERN_TRY(ern_sound_read(job->context, path, &sound));
     options.sound = &sound;
   }
-  ERN_TRY(ern_prepare_claim(job, "overlay.mp4", path));
+  ERN_TRY(ern_prepare_register_output(job, "overlay.mp4", path));
   ERN_TRY(ern_video_writer_open(job->context, path, &options, &writer));
   for (size_t i = 0; i < job->frames; i++) {
     ERN_TRY(add_frame(job, writer, i, &poses[i], rgba));

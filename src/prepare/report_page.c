@@ -115,7 +115,7 @@ static ern_status draw_frame(struct ern_prepare_job *job, size_t shown, size_t f
   const bool known = access(path, F_OK) == 0 && ern_landmarks_read(job->context, path, landmarks) == ERN_OK;
   ERN_TRY(ern_report_draw(job, &picture, pose, known ? (const float(*)[2])landmarks : NULL));
   snprintf(name, sizeof name, "prepare/shown_%zu.jpg", shown);
-  ERN_TRY(ern_prepare_claim(job, name, path));
+  ERN_TRY(ern_prepare_register_output(job, name, path));
   ERN_TRY(ern_image_write(job->context, path, &picture, 85));
 fail:
   ern_image_free(job->context, &picture);
@@ -168,7 +168,7 @@ ern_status ern_report_write(struct ern_prepare_job *job, const ern_prepare_resul
   struct page page = {.job = job};
   struct ern_head_pose *poses = NULL;
   char path[ERN_PREPARE_PATH];
-  ERN_TRY(ern_prepare_claim(job, "report.html", path));
+  ERN_TRY(ern_prepare_register_output(job, "report.html", path));
   ERN_TRY(ern_file_writer_open(job->context, path, ERN_EXISTING_REPLACE, &page.file));
   put(&page,
       "<!DOCTYPE html>\n<html lang=\"en\"><meta charset=\"utf-8\"><title>ernerf prepare</title>\n<style>body{font:15px "

@@ -53,7 +53,7 @@ ern_status ern_renderer_encode_windows(ern_renderer *r, const ern_frame_input *i
       .audio = {.code = code, .parameters = ern_whole(r->parameters, r->field.parameters), .net = r->field.audio}};
   ern_status status = ERN_OK;
   args.audio.net.window_length = input->window_length;
-  ERN_TRY(ern_take(r->stream, ERN_ELEMENT_REAL, values, &args.audio.windows));
+  ERN_TRY(ern_scratch_take(r->stream, ERN_ELEMENT_REAL, values, &args.audio.windows));
   ERN_TRY(r->backend->upload_reals(r->stream, args.audio.windows, input->windows, values));
   ERN_TRY(remember(r, input, &args.known));
   args.codes = ern_whole(r->audio_code.codes[0], AUDIO_CODE_VALUES);

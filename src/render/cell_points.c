@@ -12,22 +12,22 @@ size_t ern_cells_list(uint32_t *cell, const uint8_t *bits) {
 }
 
 /* Coordinate `axis` of the points. */
-static void eighths(float *x, const uint32_t *cell, size_t cells, int axis, float bound) {
+static void octant_centres(float *x, const uint32_t *cell, size_t cells, int axis, float bound) {
   for (size_t i = 0; i < cells; i++) {
     const float corner = (float)ern_morton_gather(cell[i] >> axis);
-    for (int e = 0; e < ERN_EIGHTHS; e++) {
+    for (int e = 0; e < ERN_OCTANTS; e++) {
       const float inside = (e >> axis & 1) != 0 ? 0.75f : 0.25f;
-      x[i * ERN_EIGHTHS + (size_t)e] = ((corner + inside) / (ERN_OCCUPANCY_SIDE / 2) - 1) * bound;
+      x[i * ERN_OCTANTS + (size_t)e] = ((corner + inside) / (ERN_OCCUPANCY_SIDE / 2) - 1) * bound;
     }
   }
 }
 
 ern_status ern_cell_points(struct ern_stream *stream, ern_rows x, const uint32_t *cell, size_t cells, float bound,
                            float *workspace) {
-  const size_t n = cells * ERN_EIGHTHS;
+  const size_t n = cells * ERN_OCTANTS;
   ern_status status = ERN_OK;
   for (int axis = 0; axis < 3; axis++) {
-    eighths(workspace, cell, cells, axis, bound);
+    octant_centres(workspace, cell, cells, axis, bound);
     ERN_TRY(stream->backend->upload_reals(stream, ern_span_of_row(x, axis, n), workspace, n));
   }
 fail:

@@ -5,12 +5,12 @@
 
 #include "core/backend.h"
 
-enum { ERN_EIGHTHS = 8, ERN_CELL_BLOCK = 27 };
+enum { ERN_OCTANTS = 8, ERN_CELL_BLOCK = 27 };
 
 /* The cells whose bits are set, ascending; cell has room for ERN_OCCUPANCY_CELLS. Returns how many. */
 size_t ern_cells_list(uint32_t *cell, const uint8_t *bits);
 
-/* x: [3] per point <- the centres of the cells' octants, ERN_EIGHTHS a cell. workspace: [cells * ERN_EIGHTHS], on the
+/* x: [3] per point <- the centres of the cells' octants, ERN_OCTANTS a cell. workspace: [cells * ERN_OCTANTS], on the
  * host. */
 ERN_NODISCARD ern_status ern_cell_points(struct ern_stream *stream, ern_rows x, const uint32_t *cell, size_t cells,
                                          float bound, float *workspace);

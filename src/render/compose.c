@@ -41,7 +41,7 @@ static ern_status torso_layer(ern_renderer *r, const ern_frame_input *input, str
   return r->backend->render_torso(r->stream, &args);
 }
 
-ern_status ern_renderer_behind(ern_renderer *r, const ern_frame_input *input) {
+ern_status ern_renderer_background_layers(ern_renderer *r, const ern_frame_input *input) {
   ern_status status = ERN_OK;
   if (r->reuse.on) {
     ERN_TRY(ern_ray_reuse_check_background(r, input));
@@ -90,7 +90,7 @@ static ern_status number_rays(ern_renderer *r, const ern_box *frame, const struc
     const int row = y < top ? top : y > bottom ? bottom : y;
     for (int x = 0; x < view->width; x++) *to++ = row * view->width + (x < left ? left : x > right ? right : x);
   }
-  ERN_TRY(ern_take(r->stream, ERN_ELEMENT_INT32, pixels, number));
+  ERN_TRY(ern_scratch_take(r->stream, ERN_ELEMENT_INT32, pixels, number));
   status = r->backend->upload_int32(r->stream, *number, pixel, pixels);
 fail:
   ern_release(r->context, pixel);

@@ -18,8 +18,8 @@ ern_status ern_speech_frame_code(struct ern_stream *stream, const struct ern_fie
   struct ern_audio_fwd_args args = {.parameters = parameters, .net = field->audio};
   ern_status status = ERN_OK;
   args.net.window_length = frame->window_length;
-  ERN_TRY(ern_take(stream, ERN_ELEMENT_REAL, ERN_AUDIO_CODE, &args.code));
-  ERN_TRY(ern_take(stream, ERN_ELEMENT_REAL, values, &args.windows));
+  ERN_TRY(ern_scratch_take(stream, ERN_ELEMENT_REAL, ERN_AUDIO_CODE, &args.code));
+  ERN_TRY(ern_scratch_take(stream, ERN_ELEMENT_REAL, values, &args.windows));
   ERN_TRY(stream->backend->upload_reals(stream, args.windows, frame->windows, values));
   ERN_TRY(stream->backend->audio_fwd(stream, &args));
   *code = args.code;

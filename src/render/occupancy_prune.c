@@ -12,13 +12,13 @@ static ern_status look_at(struct ern_stream *stream, struct ern_head_density_arg
                           float least, float *workspace, bool *dense) {
   const struct ern_arena_mark mark = ern_arena_mark(stream);
   ern_status status = ERN_OK;
-  args->n = n * ERN_EIGHTHS;
-  ERN_TRY(ern_take_rows(stream, 3, args->n, &args->x));
-  ERN_TRY(ern_take(stream, ERN_ELEMENT_REAL, args->n, &args->sigma));
+  args->n = n * ERN_OCTANTS;
+  ERN_TRY(ern_scratch_take_rows(stream, 3, args->n, &args->x));
+  ERN_TRY(ern_scratch_take(stream, ERN_ELEMENT_REAL, args->n, &args->sigma));
   ERN_TRY(ern_cell_points(stream, args->x, cell, n, args->field->config.bound, workspace));
   ERN_TRY(stream->backend->head_density(stream, args));
   ERN_TRY(stream->backend->download_reals(stream, workspace, args->sigma, args->n));
-  for (size_t i = 0; i < args->n; i++) dense[i / ERN_EIGHTHS] |= !(workspace[i] < least); /* a NaN counts as dense */
+  for (size_t i = 0; i < args->n; i++) dense[i / ERN_OCTANTS] |= !(workspace[i] < least); /* a NaN counts as dense */
 fail:
   ern_arena_release(stream, mark);
   return status;
@@ -34,7 +34,7 @@ ern_status ern_occupancy_prune(struct ern_stream *stream, const struct ern_field
   ern_status status = ERN_OK;
   ERN_TRY(ERN_NEW(context, ERN_OCCUPANCY_CELLS, &cell));
   ERN_TRY(ERN_NEW(context, ERN_OCCUPANCY_CELLS, &dense));
-  ERN_TRY(ERN_NEW(context, (size_t)CHUNK * ERN_EIGHTHS, &density));
+  ERN_TRY(ERN_NEW(context, (size_t)CHUNK * ERN_OCTANTS, &density));
   const size_t count = ern_cells_list(cell, bits);
   for (size_t s = 0; s < frames; s++) {
     struct ern_head_density_args args = {.parameters = parameters, .field = field, .eye_value = frame[s].eye};

@@ -54,7 +54,7 @@ fail:
 
 void ern_renderer_ray_reuse_work_sized(const ern_renderer *renderer, ern_ray_reuse_work *work, size_t bytes) {
   const ern_ray_reuse_work own = renderer != NULL ? renderer->reuse.work : (ern_ray_reuse_work){0};
-  ern_struct_give(work, bytes, &own, sizeof own);
+  ern_struct_copy_out(work, bytes, &own, sizeof own);
 }
 
 /* ---- behind the head --------------------------------------------------------------------------------------------- */
@@ -136,11 +136,11 @@ ern_status ern_ray_reuse_render(ern_renderer *r, const struct ern_render_rays_ar
   *some = *all;
   some->n = n;
   some->pixel_number = ray;
-  ERN_TRY(ern_take_rows(r->stream, 3, n, &some->pixel));
-  if (all->colour.span.buffer != NULL) ERN_TRY(ern_take_rows(r->stream, 3, n, &some->colour));
+  ERN_TRY(ern_scratch_take_rows(r->stream, 3, n, &some->pixel));
+  if (all->colour.span.buffer != NULL) ERN_TRY(ern_scratch_take_rows(r->stream, 3, n, &some->colour));
   for (size_t k = 0; k < sizeof from / sizeof *from; k++)
-    if (from[k]->buffer != NULL) ERN_TRY(ern_take(r->stream, ERN_ELEMENT_REAL, n, to[k]));
-  ERN_TRY(ern_take_rows(r->stream, 3, n, &some->background)); /* rows of rays have one stride */
+    if (from[k]->buffer != NULL) ERN_TRY(ern_scratch_take(r->stream, ERN_ELEMENT_REAL, n, to[k]));
+  ERN_TRY(ern_scratch_take_rows(r->stream, 3, n, &some->background)); /* rows of rays have one stride */
   struct ern_gather_args gather = {.to = some->background, .from = all->background, .pixel = list, .n = n};
   ERN_TRY(r->backend->gather(r->stream, &gather));
   status = r->backend->render_rays(r->stream, some);
@@ -200,7 +200,7 @@ static ern_status interpolate(ern_renderer *r, const struct ern_render_rays_args
   struct ern_blend_args blend = {.pixel = {s->rays.list, 0, s->rays.steady}, .n = s->rays.steady};
   ern_status status = ERN_OK;
   if (blend.n == 0) return ERN_OK;
-  ERN_TRY(ern_take(r->stream, ERN_ELEMENT_REAL, keyframes, &blend.weight));
+  ERN_TRY(ern_scratch_take(r->stream, ERN_ELEMENT_REAL, keyframes, &blend.weight));
   ERN_TRY(r->backend->upload_reals(r->stream, blend.weight, weight, keyframes));
   for (size_t c = 0; c < channels; c++) {
     blend.to = to[c].span;
@@ -222,7 +222,7 @@ static ern_status lay_over(ern_renderer *r, const struct ern_render_rays_args *a
 static ern_status render_part(ern_renderer *r, const struct ern_render_rays_args *all, bool over, const float *weight) {
   const struct ern_arena_mark mark = ern_arena_mark(r->stream);
   ern_status status = ERN_OK;
-  if (!r->reuse.rays.sorted) ERN_TRY(ern_ray_reuse_sort(r, all));
+  if (!r->reuse.rays.sorted) ERN_TRY(ern_ray_reuse_classify(r, all));
   ERN_TRY(interpolate(r, all, weight));
   if (over) ERN_TRY(lay_over(r, all));
   ERN_TRY(render_anew(r, all, over));
@@ -242,11 +242,12 @@ ern_status ern_ray_reuse_head(ern_renderer *r, const struct ern_render_rays_args
   s->known = false;                                                /* until the frame is complete */
   if (stands && same && (!exact || !over || !s->behind_changed)) { /* compositing again rounds once more */
     if (over && s->behind_changed) ERN_TRY(lay_over(r, all));
-  } else if (stands && (exact || (s->stood >= PATIENCE && ern_keyframes_weigh(weight, &s->keyframes, code, eye)))) {
+  } else if (stands &&
+             (exact || (s->full_frames >= PATIENCE && ern_keyframes_weigh(weight, &s->keyframes, code, eye)))) {
     ERN_TRY(render_part(r, all, over, weight));
   } else {
     if (!stands) ern_reused_rays_free(r);
-    s->stood = stands ? s->stood + 1 : 1;
+    s->full_frames = stands ? s->full_frames + 1 : 1;
     ERN_TRY(render_whole(r, all));
   }
   memcpy(s->code, code, sizeof code);

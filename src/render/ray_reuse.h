@@ -3,7 +3,7 @@
  * its rays.
  *
  * A ray keeps its sum w rgb and its opacity, so it can be composited over another background; it keeps depth and
- * attention where they are wanted. While the view does not change, rays are of three kinds (ray_reuse_sort.c): rays
+ * attention where they are wanted. While the view does not change, rays are of three kinds (ray_reuse_classify.c): rays
  * without samples; steady rays, whose colour depends so smoothly on speech and eyes that it is interpolated between
  * keyframes of the speech (keyframes.h); and rays that are rendered in every frame. */
 #ifndef ERN_RENDER_RAY_REUSE_H
@@ -19,7 +19,7 @@ size_t ern_ray_reuse_rows(ern_rows rows[ERN_RAY_REUSE_CHANNELS], const ern_rende
                           const struct ern_render_rays_args *args);
 
 /* Sorts the rays of a view. */
-ERN_NODISCARD ern_status ern_ray_reuse_sort(ern_renderer *r, const struct ern_render_rays_args *all);
+ERN_NODISCARD ern_status ern_ray_reuse_classify(ern_renderer *r, const struct ern_render_rays_args *all);
 void ern_reused_rays_free(ern_renderer *r);
 
 /* Renders some of the rays of `all`, those of the pixels in `list` (int32), into scratch rows in the order of the list,

@@ -39,7 +39,7 @@ struct ern_ray_reuse {
   size_t individual;
   unsigned wanted; /* bit k: depth, attention, eye */
   float code[ERN_AUDIO_CODE], eye;
-  int stood; /* frames rendered in full since the view last changed */
+  int full_frames; /* frames rendered in full since the view last changed */
   struct ern_reused_rays rays;
   ern_ray_reuse_work work;
 };

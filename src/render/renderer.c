@@ -24,7 +24,7 @@ void ern_render_options_fill(ern_render_options *options, size_t bytes) {
                                   .smooth_lips = false,
                                   .frame_rate = 25,
                                   .image_scale = 1};
-  ern_config_give(options, bytes, &own, sizeof own);
+  ern_config_copy_out(options, bytes, &own, sizeof own);
 }
 
 /* Takes from the model the settings that the options leave open. */
@@ -130,7 +130,7 @@ ern_status ern_renderer_create(ern_renderer **renderer, ern_backend *backend, co
   ern_render_options chosen = ern_render_options_default();
   ern_renderer *made = NULL;
   ern_status status = ERN_OK;
-  if (options != NULL) ERN_TRY(ERN_TAKE_CONFIG(context, ern_render_options, &chosen, options));
+  if (options != NULL) ERN_TRY(ERN_COPY_IN_CONFIG(context, ern_render_options, &chosen, options));
   take_from_model(&chosen, &model->view);
   ERN_TRY(check_options(context, &chosen));
   if (chosen.threads > 0 && strcmp(backend->name, "cpu") != 0)
@@ -384,7 +384,7 @@ static ern_status draw_frame(ern_renderer *renderer, const ern_frame_input *inpu
   ERN_TRY(take_wanted(renderer, output));
   ERN_TRY(ern_renderer_encode_audio(renderer, input));
   at[1] = milliseconds();
-  ERN_TRY(ern_renderer_behind(renderer, input));
+  ERN_TRY(ern_renderer_background_layers(renderer, input));
   at[2] = milliseconds();
   renderer->profile = (struct ern_profile){.timed = false};
   ERN_TRY(ern_renderer_head(renderer, input));
@@ -411,10 +411,10 @@ ern_status ern_renderer_frame_sized(ern_renderer *renderer, const ern_frame_inpu
   ern_frame_output out = {0};
   ern_frame_times took = {0};
   ern_status status = ERN_OK;
-  ERN_TRY(ERN_TAKE(renderer->context, ern_frame_input, &in, input, input_bytes));
-  ERN_TRY(ERN_TAKE(renderer->context, ern_frame_output, &out, output, output_bytes));
+  ERN_TRY(ERN_COPY_IN(renderer->context, ern_frame_input, &in, input, input_bytes));
+  ERN_TRY(ERN_COPY_IN(renderer->context, ern_frame_output, &out, output, output_bytes));
   ERN_TRY(draw_frame(renderer, &in, &out, &took));
-  ern_struct_give(times, times_bytes, &took, sizeof took);
+  ern_struct_copy_out(times, times_bytes, &took, sizeof took);
 fail:
   return status;
 }

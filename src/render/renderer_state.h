@@ -84,7 +84,7 @@ ERN_NODISCARD ern_status ern_renderer_encode_audio(ern_renderer *r, const ern_fr
 
 /* Writes the layers behind the head to the frame's background rows: background, torso picture, the model's own
  * torso. */
-ERN_NODISCARD ern_status ern_renderer_behind(ern_renderer *r, const ern_frame_input *input);
+ERN_NODISCARD ern_status ern_renderer_background_layers(ern_renderer *r, const ern_frame_input *input);
 
 /* Renders the head over the background rows into the frame's pixels. */
 ERN_NODISCARD ern_status ern_renderer_head(ern_renderer *r, const ern_frame_input *input);

@@ -13,10 +13,10 @@ ern_status ern_march_rays(struct ern_stream *stream, ern_span pixel_number, cons
   ern_status status = ERN_OK;
   ern_span t, count;
   *out = (struct ern_marched){0};
-  ERN_TRY(ern_take_rows(stream, 3, rays, &out->dir));
-  ERN_TRY(ern_take(stream, ERN_ELEMENT_INT32, rays + 1, &out->first));
-  ERN_TRY(ern_take(stream, ERN_ELEMENT_INT32, rays, &count));
-  ERN_TRY(ern_take(stream, ERN_ELEMENT_REAL, rays * (size_t)settings->max_steps, &t));
+  ERN_TRY(ern_scratch_take_rows(stream, 3, rays, &out->dir));
+  ERN_TRY(ern_scratch_take(stream, ERN_ELEMENT_INT32, rays + 1, &out->first));
+  ERN_TRY(ern_scratch_take(stream, ERN_ELEMENT_INT32, rays, &count));
+  ERN_TRY(ern_scratch_take(stream, ERN_ELEMENT_REAL, rays * (size_t)settings->max_steps, &t));
 
   struct ern_rays_args ray_args = {.dir = out->dir, .pixel = pixel_number, .view = *view, .n = rays};
   ERN_TRY(backend->rays(stream, &ray_args));
@@ -32,10 +32,10 @@ ern_status ern_march_rays(struct ern_stream *stream, ern_span pixel_number, cons
   struct ern_scan_args scan = {.first = out->first, .count = count, .n = rays};
   ERN_TRY(backend->scan(stream, &scan));
   out->total = scan.total;
-  ERN_TRY(ern_take_rows(stream, 3, out->total, &out->x));
-  ERN_TRY(ern_take(stream, ERN_ELEMENT_REAL, out->total, &out->dt));
-  ERN_TRY(ern_take(stream, ERN_ELEMENT_REAL, out->total, &out->depth));
-  ERN_TRY(ern_take(stream, ERN_ELEMENT_INT32, out->total, &out->ray));
+  ERN_TRY(ern_scratch_take_rows(stream, 3, out->total, &out->x));
+  ERN_TRY(ern_scratch_take(stream, ERN_ELEMENT_REAL, out->total, &out->dt));
+  ERN_TRY(ern_scratch_take(stream, ERN_ELEMENT_REAL, out->total, &out->depth));
+  ERN_TRY(ern_scratch_take(stream, ERN_ELEMENT_INT32, out->total, &out->ray));
   struct ern_samples_args samples = {.x = out->x,
                                      .dt = out->dt,
                                      .depth = out->depth,
@@ -54,7 +54,7 @@ fail:
 ern_status ern_march_view(struct ern_stream *stream, const struct ern_field *field, size_t rays,
                           struct ern_marched *marched) {
   if (field->config.no_view) return ERN_OK;
-  const ern_status status = ern_take_rows(stream, ERN_SH_ROWS, rays, &marched->sh);
+  const ern_status status = ern_scratch_take_rows(stream, ERN_SH_ROWS, rays, &marched->sh);
   if (status != ERN_OK) return status;
   marched->sh.per = ERN_PER_RAY;
   struct ern_sh_fwd_args sh = {.y = marched->sh, .d = marched->dir, .n = rays};

@@ -16,7 +16,7 @@ static ern_status take_numbers(struct ern_stream *stream, int width, int height,
   ern_context *context = stream->backend->context;
   const size_t pixels = (size_t)width * (size_t)height;
   int32_t *pixel = NULL;
-  ern_status status = ern_take(stream, ERN_ELEMENT_INT32, pixels, number);
+  ern_status status = ern_scratch_take(stream, ERN_ELEMENT_INT32, pixels, number);
   if (status != ERN_OK) return status;
   status = ERN_NEW(context, pixels, &pixel);
   if (status != ERN_OK) return status;
@@ -39,8 +39,8 @@ ern_status ern_render_torso_stages(struct ern_stream *stream, struct ern_render_
   struct ern_torso_select_args select = {
       .grid = args->grid, .threshold = args->threshold, .width = frame.width, .height = frame.height, .n = pixels};
   ERN_TRY(take_numbers(stream, args->width, args->height, &frame, &select.pixel));
-  ERN_TRY(ern_take(stream, ERN_ELEMENT_INT32, pixels, &select.index));
-  ERN_TRY(ern_take(stream, ERN_ELEMENT_INT32, pixels, &select.selected));
+  ERN_TRY(ern_scratch_take(stream, ERN_ELEMENT_INT32, pixels, &select.index));
+  ERN_TRY(ern_scratch_take(stream, ERN_ELEMENT_INT32, pixels, &select.selected));
   ERN_TRY(stream->backend->torso_select(stream, &select));
   ERN_TRY(ern_torso_batch_take(stream, args->field, select.count, &batch));
   ERN_TRY(ern_torso_q(stream, select.selected, frame.width, frame.height, args->shrink, select.count, batch.q));

@@ -69,7 +69,7 @@ ern_status ern_state_about_text(const ern_trainer *t, char **text) {
   }
   json_t *root = json_pack("{s:b, s:I, s:I, s:o, s:i, s:f, s:o}", "torso", c->torso, "step", (json_int_t)t->step,
                            "ema_updates", (json_int_t)t->ema_updates, "seed", seed_json(c->seed), "rays", c->rays,
-                           "seconds", t->seconds + t->late, "training", training);
+                           "seconds", t->seconds + t->pending_seconds, "training", training);
   char *json = root != NULL ? json_dumps(root, JSON_COMPACT | JSON_REAL_PRECISION(17)) : NULL;
   json_decref(root);
   if (json == NULL) return ern_fail(t->context, ERN_E_NO_MEMORY, "state: the metadata could not be put together");

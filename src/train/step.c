@@ -41,9 +41,9 @@ static ern_status take_ray_rows(struct ern_stream *stream, size_t rays, struct p
                               &p->dopacity, &p->dattention, &p->deye,      &p->dunc};
   ern_status status = ERN_OK;
   for (size_t i = 0; i < sizeof colours / sizeof *colours && status == ERN_OK; i++)
-    status = ern_take_rows(stream, 3, rays, colours[i]);
+    status = ern_scratch_take_rows(stream, 3, rays, colours[i]);
   for (size_t i = 0; i < sizeof values / sizeof *values && status == ERN_OK; i++)
-    status = ern_take_rows(stream, 1, rays, values[i]);
+    status = ern_scratch_take_rows(stream, 1, rays, values[i]);
   return status;
 }
 
@@ -82,9 +82,9 @@ static struct ern_composite_fwd_args composite_args(const struct ern_head_step_a
 /* Computes and allocates what all rays of the frame share. */
 static ern_status begin(struct ern_stream *stream, struct ern_head_step_args *a, struct pass *p) {
   ern_status status = ERN_OK;
-  ERN_TRY(ern_take(stream, ERN_ELEMENT_REAL, ERN_AUDIO_CODE, &p->dcode));
+  ERN_TRY(ern_scratch_take(stream, ERN_ELEMENT_REAL, ERN_AUDIO_CODE, &p->dcode));
   ERN_TRY(stream->backend->zero(stream, p->dcode));
-  ERN_TRY(ern_take(stream, ERN_ELEMENT_REAL, ERN_AUDIO_CODE, &p->in.code));
+  ERN_TRY(ern_scratch_take(stream, ERN_ELEMENT_REAL, ERN_AUDIO_CODE, &p->in.code));
   p->in.field = a->field;
   p->in.parameters = a->parameters;
   p->in.eye = a->eye_value;
@@ -148,23 +148,23 @@ static ern_status take_pose(struct ern_stream *stream, const struct ern_head_ste
   struct ern_pose_bwd_args *pose = &p->pose;
   ern_status status = ERN_OK;
   *pose = (struct ern_pose_bwd_args){.x = part->marched.x, .n = n};
-  ERN_TRY(ern_take_rows(stream, 3, n, &part->d.x));
+  ERN_TRY(ern_scratch_take_rows(stream, 3, n, &part->d.x));
   ERN_TRY(backend->zero(stream, part->d.x.span));
   pose->dx = part->d.x;
   if (a->dpose_weight.buffer != NULL) {
     const ern_span own = span_at(a->dpose_weight, part);
     ern_rows weight;
-    ERN_TRY(ern_take_rows(stream, 1, n, &weight));
+    ERN_TRY(ern_scratch_take_rows(stream, 1, n, &weight));
     struct ern_spread_rays_args spread = {weight, {own, own.count, 1, ERN_PER_RAY}, part->marched.ray, n};
     ERN_TRY(backend->spread_rays(stream, &spread));
     pose->weight = weight.span;
   }
   if (a->field->config.no_view) return ERN_OK;
-  ERN_TRY(ern_take_rows(stream, ERN_SH_ROWS, n, &part->in.sh));
-  ERN_TRY(ern_take_rows(stream, ERN_SH_ROWS, n, &part->d.sh));
+  ERN_TRY(ern_scratch_take_rows(stream, ERN_SH_ROWS, n, &part->in.sh));
+  ERN_TRY(ern_scratch_take_rows(stream, ERN_SH_ROWS, n, &part->d.sh));
   ERN_TRY(backend->zero(stream, part->d.sh.span));
-  ERN_TRY(ern_take_rows(stream, 3, n, &pose->d));
-  ERN_TRY(ern_take_rows(stream, 3, n, &pose->dd));
+  ERN_TRY(ern_scratch_take_rows(stream, 3, n, &pose->d));
+  ERN_TRY(ern_scratch_take_rows(stream, 3, n, &pose->dd));
   struct ern_spread_rays_args dirs = {pose->d, part->marched.dir, part->marched.ray, n};
   ERN_TRY(backend->spread_rays(stream, &dirs));
   struct ern_sh_fwd_args sh = {part->in.sh, pose->d, n};
@@ -263,7 +263,7 @@ static ern_status smoothness(struct ern_stream *stream, struct ern_head_step_arg
   ern_rows x;
   ern_status status = ERN_OK;
   if (n == 0 || a->weights.smoothness * a->weights.s == 0) return ERN_OK;
-  ERN_TRY(ern_take_rows(stream, 3, n, &x));
+  ERN_TRY(ern_scratch_take_rows(stream, 3, n, &x));
   ERN_TRY(move_points(stream, a, part, x));
   ERN_TRY(ern_head_batch_take(stream, a->field, n, parts, &moved));
   ERN_TRY(ern_head_batch_take(stream, a->field, n, parts, &d));
@@ -281,7 +281,8 @@ fail:
   return status;
 }
 
-static ern_status mirror(struct ern_stream *stream, struct ern_head_step_args *a, struct pass *p, struct part *part) {
+static ern_status backward_pass(struct ern_stream *stream, struct ern_head_step_args *a, struct pass *p,
+                                struct part *part) {
   const ern_status status = backward(stream, a, p, part);
   return status == ERN_OK && a->smooth ? smoothness(stream, a, p, part) : status;
 }
@@ -321,7 +322,7 @@ static ern_status in_parts(struct ern_stream *stream, struct ern_head_step_args 
       struct part part = {
           .begin = from, .rays = a->n - from < at_once ? a->n - from : at_once, .first_sample = samples};
       status = forward(stream, a, p, &part);
-      if (status == ERN_OK && back == 1) status = mirror(stream, a, p, &part);
+      if (status == ERN_OK && back == 1) status = backward_pass(stream, a, p, &part);
       if (status == ERN_OK && back == 1) status = stream->backend->synchronize(stream);
       samples += part.marched.total;
       ern_arena_release(stream, mark);
@@ -353,7 +354,7 @@ ern_status ern_head_step_parts(struct ern_stream *stream, struct ern_head_step_a
     ERN_TRY(forward(stream, args, &pass, &all));
     pass.total = all.marched.total;
     ERN_TRY(loss(stream, args, &pass));
-    ERN_TRY(mirror(stream, args, &pass, &all));
+    ERN_TRY(backward_pass(stream, args, &pass, &all));
   }
   ERN_TRY(end(stream, args, &pass));
 fail:

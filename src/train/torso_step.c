@@ -22,13 +22,13 @@ ern_status ern_torso_step_stages(struct ern_stream *stream, struct ern_torso_ste
                                          .width = args->view->width,
                                          .height = args->view->height,
                                          .n = args->n};
-  ERN_TRY(ern_take(stream, ERN_ELEMENT_INT32, args->n, &select.index));
-  ERN_TRY(ern_take(stream, ERN_ELEMENT_INT32, args->n, &select.selected));
+  ERN_TRY(ern_scratch_take(stream, ERN_ELEMENT_INT32, args->n, &select.index));
+  ERN_TRY(ern_scratch_take(stream, ERN_ELEMENT_INT32, args->n, &select.selected));
   ERN_TRY(backend->torso_select(stream, &select));
   args->samples = select.count;
   ERN_TRY(ern_torso_batch_take(stream, args->field, select.count, &batch));
-  ERN_TRY(ern_take_rows(stream, 3, args->n, &pixel));
-  ERN_TRY(ern_take_rows(stream, 3, args->n, &dpixel));
+  ERN_TRY(ern_scratch_take_rows(stream, 3, args->n, &pixel));
+  ERN_TRY(ern_scratch_take_rows(stream, 3, args->n, &dpixel));
   ERN_TRY(
       ern_torso_q(stream, select.selected, args->view->width, args->view->height, args->shrink, select.count, batch.q));
   ERN_TRY(ern_torso_fwd(stream, &in, &batch));

@@ -179,7 +179,7 @@ static ern_status update(ern_trainer *t) {
       count = table->row[r].at + table->row[r].count - first->at;
     struct ern_adamw_args args = update_of(t, first, factor);
     args.parameters = ern_span_part(t->parameters, first->at, count);
-    args.second_moment = ern_span_part(t->moment, first->at, count);
+    args.second_moment = ern_span_part(t->second_moment, first->at, count);
     args.gradient = ern_span_part(t->gradient, first->at, count);
     args.n = count;
     const ern_status status = t->backend->adamw(t->stream, &args);
@@ -216,7 +216,7 @@ static void count_seconds(ern_trainer *t, const struct ern_step_sum *sum, double
   } else {
     t->seconds = sum->seconds;
     t->beside = sum->beside;
-    t->late = spent_now;
+    t->pending_seconds = spent_now;
   }
 }
 
@@ -262,7 +262,7 @@ ern_status ern_trainer_step_sized(ern_trainer *trainer, ern_train_report *report
   ERN_NEED(trainer->context, report);
   ern_train_report own = {0};
   const ern_status status = take_step(trainer, &own);
-  ern_struct_give(report, bytes, &own, sizeof own);
+  ern_struct_copy_out(report, bytes, &own, sizeof own);
   return status;
 }
 
@@ -391,7 +391,7 @@ ern_status ern_trainer_run_sized(ern_trainer *t, const ern_train_hooks *hooks, s
   ERN_PLAIN_FLOATS;
   ERN_NEED(NULL, t);
   ern_train_hooks own = {0};
-  ern_status status = hooks != NULL ? ERN_TAKE(t->context, ern_train_hooks, &own, hooks, bytes) : ERN_OK;
+  ern_status status = hooks != NULL ? ERN_COPY_IN(t->context, ern_train_hooks, &own, hooks, bytes) : ERN_OK;
   if (status != ERN_OK) return status;
   struct tally tally = {.began = seconds_now(), .said = seconds_now(), .saved = seconds_now(), .first = t->step};
   tally.validated = spent(t);
@@ -448,7 +448,7 @@ void ern_trainer_describe_sized(const ern_trainer *trainer, ern_train_report *re
   ern_train_report own = {0};
   if (trainer != NULL)
     own = (ern_train_report){.step = trainer->step, .iters = trainer->config.iters, .seconds = trainer->seconds};
-  ern_struct_give(report, bytes, &own, sizeof own);
+  ern_struct_copy_out(report, bytes, &own, sizeof own);
 }
 
 const char *ern_trainer_folder(const ern_trainer *trainer) { return trainer != NULL ? trainer->run.folder : NULL; }

@@ -50,7 +50,7 @@ struct ern_trainer_poses {
   float *row;           /* [frames][ERN_POSE_SLOPES] */
   float *bend;          /* [frames][ERN_POSE_SLOPES]: second differences of the clip's own camera path, 0 at its gaps */
   size_t *beside;       /* [frames][2]: the frames before and after in time, the frame itself where there is none */
-  int64_t *moment;      /* [frames]: their rows of the speech */
+  int64_t *speech_row;  /* [frames]: their rows of the speech */
   float mean_square[2]; /* of the gradients by angles and by moves, all frames together; 0: no step yet */
 };
 
@@ -80,10 +80,10 @@ struct ern_trainer {
   ern_model *model;                         /* configuration and table; its values are those of the last download */
 
   struct ern_buffer *reals, *bits_buffer, *cells_buffer;
-  ern_span parameters, gradient, moment, average; /* [field.parameters] */
-  ern_span grid, fresh, bits, cells;              /* occupancy of the head */
-  size_t cell_count;                              /* cells that a refresh evaluates */
-  bool pruned;                                    /* `bits` are pruned, and no longer refreshed */
+  ern_span parameters, gradient, second_moment, average; /* [field.parameters] */
+  ern_span grid, fresh, bits, cells;                     /* occupancy of the head */
+  size_t cell_count;                                     /* cells that a refresh evaluates */
+  bool pruned;                                           /* `bits` are pruned, and no longer refreshed */
   ern_span torso_grid;
   double torso_mean;
 
@@ -99,7 +99,7 @@ struct ern_trainer {
   char fine_name[32];              /* and its name */
   double seconds;                  /* of training, all runs together */
   double beside;                   /* seconds of validations and saves, all runs together */
-  double late;                     /* with a communicator: seconds of the last step, not yet in `seconds` */
+  double pending_seconds;          /* with a communicator: seconds of the last step, not yet in `seconds` */
   struct ern_run_folder run;
   uint64_t saved; /* step of this training's newest state in the run folder; 0: none */
   bool diverged;  /* since the last save, and the folder has a state from before */

@@ -269,11 +269,11 @@ static ern_status upload(ern_trainer *t, struct ern_batch *batch) {
   const size_t rays = batch->rays;
   struct ern_backend *backend = t->backend;
   ern_status status = ERN_OK;
-  ERN_TRY(ern_take(t->stream, ERN_ELEMENT_INT32, rays, &batch->pixel_number));
-  ERN_TRY(ern_take(t->stream, ERN_ELEMENT_REAL, rays, &batch->face));
-  ERN_TRY(ern_take(t->stream, ERN_ELEMENT_REAL, rays, &batch->jitter));
-  ERN_TRY(ern_take_rows(t->stream, 3, rays, &batch->truth));
-  ERN_TRY(ern_take_rows(t->stream, 3, rays, &batch->background));
+  ERN_TRY(ern_scratch_take(t->stream, ERN_ELEMENT_INT32, rays, &batch->pixel_number));
+  ERN_TRY(ern_scratch_take(t->stream, ERN_ELEMENT_REAL, rays, &batch->face));
+  ERN_TRY(ern_scratch_take(t->stream, ERN_ELEMENT_REAL, rays, &batch->jitter));
+  ERN_TRY(ern_scratch_take_rows(t->stream, 3, rays, &batch->truth));
+  ERN_TRY(ern_scratch_take_rows(t->stream, 3, rays, &batch->background));
   ERN_TRY(backend->upload_int32(t->stream, batch->pixel_number, t->host_pixels, rays));
   for (int c = 0; c < 3; c++) {
     ERN_TRY(backend->upload_reals(t->stream, ern_span_of_row(batch->truth, c, rays), t->host_rows + (size_t)c * rays,
@@ -284,7 +284,7 @@ static ern_status upload(ern_trainer *t, struct ern_batch *batch) {
   ERN_TRY(backend->upload_reals(t->stream, batch->face, t->host_rows + 6 * rays, rays));
   ERN_TRY(backend->upload_reals(t->stream, batch->jitter, t->host_rows + 7 * rays, rays));
   if (ern_trainer_poses_due(t)) {
-    ERN_TRY(ern_take(t->stream, ERN_ELEMENT_REAL, rays, &batch->rigid));
+    ERN_TRY(ern_scratch_take(t->stream, ERN_ELEMENT_REAL, rays, &batch->rigid));
     ERN_TRY(backend->upload_reals(t->stream, batch->rigid, t->host_rows + 8 * rays, rays));
   }
 fail:

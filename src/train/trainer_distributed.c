@@ -163,7 +163,7 @@ static ern_status share_numbers(ern_trainer *t) {
 }
 
 ern_status ern_trainer_share_state(ern_trainer *t) {
-  const ern_span values[] = {t->parameters, t->moment, t->average};
+  const ern_span values[] = {t->parameters, t->second_moment, t->average};
   ern_status status = ERN_OK;
   if (t->communicator.size == 1) return ERN_OK;
   ERN_TRY(check_same_words(t));

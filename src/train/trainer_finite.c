@@ -41,7 +41,7 @@ ern_status ern_trainer_check(ern_trainer *t) {
   ern_status status = ERN_OK;
   ERN_TRY(check_rows(t, t->parameters, "value"));
   ERN_TRY(check_rows(t, t->gradient, "gradient"));
-  ERN_TRY(check_rows(t, t->moment, "optimizer's second moment"));
+  ERN_TRY(check_rows(t, t->second_moment, "optimizer's second moment"));
   ERN_TRY(check_rows(t, t->average, "moving average"));
   ERN_TRY(check_grid(t, t->grid, "density of the occupancy grid"));
   if (t->config.torso) ERN_TRY(check_grid(t, t->torso_grid, "opacity of the torso's grid"));

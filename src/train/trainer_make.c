@@ -44,7 +44,7 @@ void ern_train_config_fill(ern_train_config *config, size_t bytes) {
                                 .fine_weight = 0.1f,
                                 .fine_lips_weight = 0.1f,
                                 .step_parts = 1};
-  ern_config_give(config, bytes, &own, sizeof own);
+  ern_config_copy_out(config, bytes, &own, sizeof own);
 }
 
 /* ---- checks ------------------------------------------------------------------------------------------------------ */
@@ -352,7 +352,7 @@ static ern_status take_device(ern_trainer *t) {
   ern_status status = ERN_OK;
   ERN_TRY(t->backend->buffer_make(t->backend, ERN_ELEMENT_REAL, 4 * n + (head ? 2 * cells : 0) + ERN_TORSO_CELLS,
                                   &t->reals));
-  ern_span *const blocks[] = {&t->parameters, &t->gradient, &t->moment, &t->average};
+  ern_span *const blocks[] = {&t->parameters, &t->gradient, &t->second_moment, &t->average};
   for (size_t i = 0; i < 4; i++, at += n) *blocks[i] = (ern_span){t->reals, at, t->model->field.parameters};
   t->torso_grid = (ern_span){t->reals, at, ERN_TORSO_CELLS};
   at += ERN_TORSO_CELLS;
@@ -509,8 +509,8 @@ ern_status ern_trainer_create_sized(ern_trainer **trainer, ern_backend *backend,
   ern_dataset data = {0};
   ern_trainer *t = NULL;
   ern_status status = ERN_OK;
-  if (config != NULL) ERN_TRY(ERN_TAKE_CONFIG(context, ern_train_config, &chosen, config));
-  ERN_TRY(ERN_TAKE(context, ern_dataset, &data, dataset, dataset_bytes));
+  if (config != NULL) ERN_TRY(ERN_COPY_IN_CONFIG(context, ern_train_config, &chosen, config));
+  ERN_TRY(ERN_COPY_IN(context, ern_dataset, &data, dataset, dataset_bytes));
   ERN_TRY(check_config(context, &chosen));
   if (chosen.communicator != NULL && chosen.communicator->rank > 0) leave_files(&chosen);
   ERN_TRY(ERN_NEW(context, 1, &t));

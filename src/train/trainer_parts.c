@@ -115,7 +115,7 @@ ern_status ern_trainer_parts_step(ern_trainer *t, struct ern_batch *batches, str
     for (size_t above = p + 1; above % 2 == 0; above /= 2) merge(parts, height--);
   }
   if (t->communicator.rank == 0) {
-    parts->sums[0].seconds = t->seconds + t->late;
+    parts->sums[0].seconds = t->seconds + t->pending_seconds;
     parts->sums[0].beside = t->beside;
   }
   ERN_TRY(ern_trainer_sum(t, parts->values, parts->count, &parts->sums[0]));

@@ -19,12 +19,12 @@ static const double beta2 = 0.99;
 
 /* ---- the clip's own path ----------------------------------------------------------------------------------------- */
 
-struct moment {
+struct frame_time {
   int64_t at;
   size_t frame;
 };
 static int by_time(const void *left, const void *right) {
-  const struct moment *a = left, *b = right;
+  const struct frame_time *a = left, *b = right;
   if (a->at != b->at) return a->at < b->at ? -1 : 1;
   return a->frame < b->frame ? -1 : a->frame > b->frame;
 }
@@ -32,24 +32,24 @@ static int by_time(const void *left, const void *right) {
 /* Frames of [data_begin, data_end) with consecutive moments are neighbours. */
 static ern_status find_neighbours(ern_trainer *t, struct ern_trainer_poses *p) {
   const size_t begin = t->config.data_begin, count = t->config.data_end - begin;
-  struct moment *moment = NULL;
-  ern_status status = ERN_NEW(t->context, count, &moment);
+  struct frame_time *frame_time = NULL;
+  ern_status status = ERN_NEW(t->context, count, &frame_time);
   if (status != ERN_OK) return status;
   for (size_t i = 0; i < t->data.frames[0]; i++) {
     ern_dataset_frame about;
     ERN_TRY(ern_trainer_frame(t, 0, i, &about));
-    p->moment[i] = about.aud_id;
+    p->speech_row[i] = about.aud_id;
     p->beside[2 * i] = p->beside[2 * i + 1] = i;
   }
-  for (size_t i = 0; i < count; i++) moment[i] = (struct moment){p->moment[begin + i], begin + i};
-  qsort(moment, count, sizeof *moment, by_time);
+  for (size_t i = 0; i < count; i++) frame_time[i] = (struct frame_time){p->speech_row[begin + i], begin + i};
+  qsort(frame_time, count, sizeof *frame_time, by_time);
   for (size_t i = 1; i < count; i++) {
-    if (moment[i].at != moment[i - 1].at + 1) continue;
-    p->beside[2 * moment[i].frame] = moment[i - 1].frame;
-    p->beside[2 * moment[i - 1].frame + 1] = moment[i].frame;
+    if (frame_time[i].at != frame_time[i - 1].at + 1) continue;
+    p->beside[2 * frame_time[i].frame] = frame_time[i - 1].frame;
+    p->beside[2 * frame_time[i - 1].frame + 1] = frame_time[i].frame;
   }
 fail:
-  ern_release(t->context, moment);
+  ern_release(t->context, frame_time);
   return status;
 }
 
@@ -84,7 +84,7 @@ ern_status ern_trainer_poses_make(ern_trainer *t) {
   ERN_TRY(ERN_NEW(t->context, N * frames, &p->row));
   ERN_TRY(ERN_NEW(t->context, N * frames, &p->bend));
   ERN_TRY(ERN_NEW(t->context, 2 * frames, &p->beside));
-  ERN_TRY(ERN_NEW(t->context, frames, &p->moment));
+  ERN_TRY(ERN_NEW(t->context, frames, &p->speech_row));
   if (t->model->camera == NULL) ERN_TRY(ERN_NEW(t->context, N * frames, &t->model->camera));
   t->model->cameras = frames;
   ERN_TRY(find_neighbours(t, p));
@@ -103,7 +103,7 @@ void ern_trainer_poses_free(ern_trainer *t) {
   ern_release(t->context, p->row);
   ern_release(t->context, p->bend);
   ern_release(t->context, p->beside);
-  ern_release(t->context, p->moment);
+  ern_release(t->context, p->speech_row);
   ern_release(t->context, p);
   t->poses = NULL;
 }

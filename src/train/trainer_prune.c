@@ -87,12 +87,12 @@ static ern_status look_at(ern_trainer *t, const struct ern_view *view, struct er
   struct ern_marched marched;
   ern_span pixel, jitter;
   ern_status status = ERN_OK;
-  ERN_TRY(ern_take(t->stream, ERN_ELEMENT_INT32, rays, &pixel));
+  ERN_TRY(ern_scratch_take(t->stream, ERN_ELEMENT_INT32, rays, &pixel));
   ERN_TRY(backend->upload_int32(t->stream, pixel, s->pixel, rays));
-  ERN_TRY(ern_take(t->stream, ERN_ELEMENT_REAL, rays, &jitter));
+  ERN_TRY(ern_scratch_take(t->stream, ERN_ELEMENT_REAL, rays, &jitter));
   ERN_TRY(backend->upload_reals(t->stream, jitter, s->jitter, rays));
   ERN_TRY(ern_march_rays(t->stream, pixel, view, jitter, t->bits, &march, rays, &marched));
-  ERN_TRY(ern_take(t->stream, ERN_ELEMENT_REAL, marched.total, &density.sigma));
+  ERN_TRY(ern_scratch_take(t->stream, ERN_ELEMENT_REAL, marched.total, &density.sigma));
   density.x = marched.x;
   density.n = marched.total;
   ERN_TRY(backend->head_density(t->stream, &density));

@@ -67,8 +67,8 @@ static ern_status look_at(ern_trainer *t, ern_span code, float eye, size_t begin
   ern_span sigma;
   ern_rows x;
   ern_status status = ERN_OK;
-  ERN_TRY(ern_take_rows(t->stream, 3, own, &x));
-  ERN_TRY(ern_take(t->stream, ERN_ELEMENT_REAL, n, &sigma));
+  ERN_TRY(ern_scratch_take_rows(t->stream, 3, own, &x));
+  ERN_TRY(ern_scratch_take(t->stream, ERN_ELEMENT_REAL, n, &sigma));
   struct ern_occupancy_points_args points = {.x = x,
                                              .cells = ern_span_part(cells, first, own),
                                              .bound = t->config.bound,
@@ -107,7 +107,7 @@ ern_status ern_trainer_audio_code(ern_trainer *t, size_t frame, ern_span *code) 
   struct ern_audio_fwd_args audio = {.parameters = t->parameters, .net = t->model->field.audio};
   ern_status status = ERN_OK;
   ERN_TRY(ern_trainer_upload_windows(t, frame, 0, &audio.windows));
-  ERN_TRY(ern_take(t->stream, ERN_ELEMENT_REAL, ERN_AUDIO_CODE, &audio.code));
+  ERN_TRY(ern_scratch_take(t->stream, ERN_ELEMENT_REAL, ERN_AUDIO_CODE, &audio.code));
   ERN_TRY(t->backend->audio_fwd(t->stream, &audio));
   *code = audio.code;
 fail:

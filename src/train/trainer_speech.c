@@ -98,7 +98,7 @@ ern_status ern_trainer_upload_windows(ern_trainer *t, size_t frame, size_t k, er
   const size_t values = ERN_AUDIO_WINDOWS * window_values(t->data.features);
   ern_status status = ERN_OK;
   ERN_TRY(step_windows(t, frame, k, t->host_windows));
-  ERN_TRY(ern_take(t->stream, ERN_ELEMENT_REAL, values, windows));
+  ERN_TRY(ern_scratch_take(t->stream, ERN_ELEMENT_REAL, values, windows));
   ERN_TRY(t->backend->upload_reals(t->stream, *windows, t->host_windows, values));
 fail:
   return status;

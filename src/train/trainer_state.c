@@ -36,7 +36,7 @@ fail:
 
 /* Everything of a state file in host memory, and the list of its tensors. */
 struct state_tensors {
-  float *moment, *average, *grid;
+  float *second_moment, *average, *grid;
   struct ern_model_tensors model;
   struct ern_tensor tensor[3 * ERN_MODEL_TENSORS];
   char name[2 * ERN_MAX_PARAMETERS][ERN_PARAMETER_NAME + 16];
@@ -78,8 +78,8 @@ static void add_poses(struct state_tensors *s, const ern_trainer *t) {
 static ern_status read_state(ern_trainer *t, struct state_tensors *s) {
   const size_t n = t->model->field.parameters;
   ern_status status = ERN_OK;
-  ERN_TRY(ERN_NEW(t->context, n, &s->moment));
-  ERN_TRY(t->backend->download_reals(t->stream, s->moment, t->moment, n));
+  ERN_TRY(ERN_NEW(t->context, n, &s->second_moment));
+  ERN_TRY(t->backend->download_reals(t->stream, s->second_moment, t->second_moment, n));
   ERN_TRY(ERN_NEW(t->context, n, &s->average));
   ERN_TRY(t->backend->download_reals(t->stream, s->average, t->average, n));
   if (!t->config.torso) {
@@ -89,7 +89,7 @@ static ern_status read_state(ern_trainer *t, struct state_tensors *s) {
   ern_model_tensors(t->model, &s->model);
   memcpy(s->tensor, s->model.tensor, s->model.count * sizeof s->tensor[0]);
   s->count = s->model.count;
-  add_rows(s, t, "state.moment.", s->moment);
+  add_rows(s, t, "state.moment.", s->second_moment);
   add_rows(s, t, "state.average.", s->average);
   if (s->grid != NULL)
     s->tensor[s->count++] = (struct ern_tensor){.name = "state.density_grid",
@@ -120,7 +120,7 @@ static ern_status write_next(ern_trainer *t) {
   ERN_TRY(ern_safetensors_write(t->context, t->run.next, s->tensor, s->count, metadata, 3, ERN_EXISTING_REPLACE));
 fail:
   if (s != NULL) {
-    ern_release(t->context, s->moment);
+    ern_release(t->context, s->second_moment);
     ern_release(t->context, s->average);
     ern_release(t->context, s->grid);
   }
@@ -294,7 +294,7 @@ static ern_status take_state(ern_trainer *t, const struct ern_tensor_file *file,
   float *grid = NULL;
   ern_status status = ERN_OK;
   ERN_TRY(upload_model(t, model));
-  ERN_TRY(take_rows(t, file, path, "state.moment.", NULL, t->moment));
+  ERN_TRY(take_rows(t, file, path, "state.moment.", NULL, t->second_moment));
   ERN_TRY(take_rows(t, file, path, "state.average.", model->block, t->average));
   if (!t->config.torso) {
     ERN_TRY(ERN_NEW(t->context, ERN_OCCUPANCY_CELLS, &grid));
@@ -466,7 +466,7 @@ ern_status ern_train_state_describe_sized(ern_context *context, const char *outp
                          .fine_share = about->fine_share,
                          .prune_share = about->prune_share};
   memcpy(own.fine_loss, about->fine_loss, sizeof own.fine_loss);
-  ern_struct_give(state, state_bytes, &own, sizeof own);
+  ern_struct_copy_out(state, state_bytes, &own, sizeof own);
   ern_model_describe_sized(best.model, model, model_bytes);
 fail:
   close_candidate(context, &best);

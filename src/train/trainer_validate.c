@@ -67,7 +67,7 @@ static ern_status render(ern_trainer *t, struct look *look, int split, size_t fr
     if (split == 0)
       ern_model_refine(t->model, frame, view.pose);
     else
-      ern_model_refine_unseen(t->model, t->poses->moment, t->data.frames[0], about.aud_id, view.pose);
+      ern_model_refine_unseen(t->model, t->poses->speech_row, t->data.frames[0], about.aud_id, view.pose);
     input.head_pose = view.pose;
   }
   const ern_frame_output output = {.rgb = look->rgb, .attention = look->attention, .eye = look->eye};

@@ -18,12 +18,12 @@ struct ern_vision_network {
 namespace {
 
 /* Disables OpenCV's log in this scope: it repeats the exceptions' texts on stderr. Its level is process-wide. */
-class Hush {
+class ScopedLogSilence {
  public:
-  Hush() : before_(cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT)) {}
-  ~Hush() { cv::utils::logging::setLogLevel(before_); }
-  Hush(const Hush &) = delete;
-  Hush &operator=(const Hush &) = delete;
+  ScopedLogSilence() : before_(cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT)) {}
+  ~ScopedLogSilence() { cv::utils::logging::setLogLevel(before_); }
+  ScopedLogSilence(const ScopedLogSilence &) = delete;
+  ScopedLogSilence &operator=(const ScopedLogSilence &) = delete;
 
  private:
   cv::utils::logging::LogLevel before_;
@@ -79,7 +79,7 @@ void put(const cv::Exception &error, char words[ERN_VISION_WORDS]) {
 template <typename Work>
 ern_status guarded(char words[ERN_VISION_WORDS], Work work) {
   try {
-    const Hush hush;
+    const ScopedLogSilence hush;
     return work();
   } catch (const cv::Exception &error) {
     put(error, words);

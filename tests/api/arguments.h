@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * The contract of base.h on arguments, held function by function: a table of checks, one a public function, and a look
- * at the headers that no function is without one. */
+ * Tests the contract of base.h on arguments: a table with one check for each public function, and a scan of the headers
+ * that finds functions without a check. */
 #ifndef ERN_TESTS_ARGUMENTS_H
 #define ERN_TESTS_ARGUMENTS_H
 
@@ -19,18 +19,18 @@ struct arguments_check {
 #define ROW(name) \
   { #name, check_##name }
 
-/* The call answers ERN_E_ARGUMENT, and the context says these words, and said them for this call. */
+/* The call returns ERN_E_ARGUMENT, and the context's last error is new and contains these words. */
 #define REFUSED(context, words, call)                                   \
   do {                                                                  \
     ern_error_restore(context, (const char[ERN_ERROR_BYTES]){""});      \
     support_expect(context, call, ERN_E_ARGUMENT, words, (char *)NULL); \
   } while (0)
 
-/* The same where there is no context to say anything. */
+/* The same for calls without a context. */
 #define REFUSED_ALONE(call) assert_int_equal(call, ERN_E_ARGUMENT)
 
-/* A struct as it is handed out in some number of bytes, of which some may be too many: a fill or ..._sized function
- * writes so many and none past them, zeros where the library knows no member. `call` uses `it` and `bytes`. */
+/* An output struct of any size in bytes, smaller or larger than the library's: a fill or ..._sized function writes
+ * exactly this many bytes, zeros where the library has no member. `call` uses `it` and `bytes`. */
 #define KEEPS_TO(type, call)                                                                    \
   do {                                                                                          \
     const size_t sizes[] = {0, 1, 8, sizeof(type) - 1, sizeof(type), sizeof(type) + 40};        \
@@ -49,7 +49,7 @@ struct arguments_check {
     }                                                                                           \
   } while (0)
 
-/* The same of a configuration, which says its size itself. */
+/* The same for a configuration, which holds its own size. */
 #define FILLS(type, fill)                                                \
   do {                                                                   \
     fill(NULL, sizeof(type));                                            \

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * Runs the program as a person would, and looks at its exit status, its words and the files it leaves. */
+ * Runs the program as a user would, and checks its exit status, its messages and its files. */
 #ifndef ERN_TESTS_E2E_CLI_H
 #define ERN_TESTS_E2E_CLI_H
 
@@ -21,17 +21,18 @@ struct cli {
   pid_t pid;
   int status; /* exit status; 128 + number of a signal that ended it */
   char line[CLI_LINE_BYTES];
-  char out[CLI_TEXT_BYTES], err[CLI_TEXT_BYTES]; /* what it said */
+  char out[CLI_TEXT_BYTES], err[CLI_TEXT_BYTES]; /* standard output and standard error */
 };
 
 #if defined(ERN_CLI_IN_CHILD)
 int ernerf_main(int argc, char **argv); /* of tools/ernerf-cli/main.c */
 
-/* The program's code itself, in the child of a test that starts it hundreds of times. */
+/* Runs the program's code in a forked child, because tests start it hundreds of times. */
 static inline void cli_begin(int count, char **words) {
   const int status = ernerf_main(count, words);
   fflush(NULL);
-  _exit(status); /* libraries that were loaded before the fork would wait for threads of theirs in exit() */
+  _exit(status); /* not exit(): libraries loaded before the fork would wait there for threads that the child does not
+                    have */
 }
 #else
 static inline void cli_begin(int count, char **words) {
@@ -105,7 +106,7 @@ static inline void cli_run(struct cli *cli, const char *format, ...) {
   cli_wait(cli);
 }
 
-/* On a disk that takes no file above `bytes`. */
+/* Runs a command line with the file size limit `bytes`, to simulate a full disk. */
 static inline void cli_run_full(struct cli *cli, size_t bytes, const char *format, ...) ERN_PRINTF(3, 4);
 static inline void cli_run_full(struct cli *cli, size_t bytes, const char *format, ...) {
   va_list values;
@@ -123,7 +124,7 @@ static inline void cli_check(const struct cli *cli, int status, const char *text
     if (strstr(text, word) == NULL) fail_msg("ernerf %s\nsaid \"%s\", expected \"%s\" in it", cli->line, text, word);
 }
 
-/* The exit status, and each of the words on stderr; the list ends with NULL. */
+/* Checks the exit status, and that stderr contains each of the texts; the list ends with NULL. */
 static inline void cli_expect(const struct cli *cli, int status, ...) {
   va_list words;
   va_start(words, status);
@@ -131,7 +132,7 @@ static inline void cli_expect(const struct cli *cli, int status, ...) {
   va_end(words);
 }
 
-/* The same on standard output. */
+/* The same for standard output. */
 static inline void cli_expect_out(const struct cli *cli, int status, ...) {
   va_list words;
   va_start(words, status);
@@ -149,7 +150,7 @@ static inline json_t *cli_json(const struct cli *cli, const char *path) {
 
 static inline bool cli_there(const char *path) { return access(path, F_OK) == 0; }
 
-/* Files in a folder; 0 where it is not there. */
+/* Number of files in a folder; 0 if it does not exist. */
 static inline size_t cli_count(const char *folder) {
   DIR *list = opendir(folder);
   size_t count = 0;

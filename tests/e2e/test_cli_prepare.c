@@ -157,7 +157,7 @@ static void list_clip(const char *into) {
 }
 
 /* What is brought cannot be read: that is told before anything of the clip is taken away. */
-static void test_brought_unread(void **state) {
+static void test_supplied_unread(void **state) {
   (void)state;
   static const char *const bad[] = {
       "au none.csv",     "features none.npy", "features v.mp4",      "poses none.json",    "landmarks none",
@@ -372,7 +372,7 @@ int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_whole),
                                      cmocka_unit_test(test_truth),
                                      cmocka_unit_test(test_sound_ends_early),
-                                     cmocka_unit_test(test_brought_unread),
+                                     cmocka_unit_test(test_supplied_unread),
                                      cmocka_unit_test(test_second_call),
                                      cmocka_unit_test(test_stopped),
                                      cmocka_unit_test(test_moved),

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * Files that fail on demand. file_faults.c has functions of the C library's names, which every library in a test's
- * process then calls: they count the calls on files of one folder, and let one of them fail, do half, or end the
+ * Fault injection for file operations. file_faults.c interposes functions of the C library for all libraries in the
+ * test's process. They count the calls on files of one folder, and make one call fail, do half of its work, or kill the
  * process. */
 #ifndef ERN_TESTS_FILE_FAULTS_H
 #define ERN_TESTS_FILE_FAULTS_H
@@ -22,14 +22,14 @@ enum fault_kind {
 
 enum fault_how {
   FAULT_NONE,
-  FAULT_ERROR, /* it fails with `error` */
+  FAULT_ERROR, /* the call fails with `error` */
   FAULT_HALF,  /* reads and writes: half of the bytes, once; all others: as FAULT_ERROR */
   FAULT_FULL,  /* half of the bytes, and from then on every write fails with `error` */
-  FAULT_KILL,  /* the process gets SIGKILL; a write has by then put down half of its bytes */
-  FAULT_ACT    /* `act` is called, and then the call goes on */
+  FAULT_KILL,  /* the process gets SIGKILL; a write has written half of its bytes before */
+  FAULT_ACT    /* calls `act`, then performs the call */
 };
 
-/* What shall fail: call number `at` (from 1) of the kinds, on names with `folder` in them. */
+/* The fault: hits call number `at` (from 1) of the kinds, on paths that contain `folder`. */
 struct fault {
   const char *folder;
   unsigned kinds; /* bits 1 << FAULT_... */
@@ -39,14 +39,14 @@ struct fault {
   void (*act)(const char *name);
 };
 
-/* What was seen, in memory that a parent shares with the process that is to fail. */
+/* The observed calls, in memory that the parent shares with the failing process. */
 struct fault_seen {
   atomic_size_t calls;
   atomic_bool struck;
-  char name[256]; /* of the file that was struck */
+  char name[256]; /* of the file that the fault hit */
 };
 
-/* Begins; NULL ends. `seen` is zeroed. */
+/* Starts the fault injection; fault NULL ends it. Zeroes `seen`. */
 void faults_set(const struct fault *fault, struct fault_seen *seen);
 
 #endif

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * Runs the program's own code in a child of the test, so that a thousand runs cost no thousand starts, with a fault on
- * its way; and looks at what is left: exit status, words, files. */
+ * Runs the program's code in a forked child of the test, which avoids the start-up cost of a thousand runs, and injects
+ * a fault. Then checks the results: exit status, messages, files. */
 #ifndef ERN_TESTS_JOURNEY_H
 #define ERN_TESTS_JOURNEY_H
 
@@ -46,15 +46,16 @@ static inline void journey_child(struct journey *j, const struct fault *fault) {
   if (err < 0 || out < 0 || dup2(err, STDERR_FILENO) < 0 || dup2(out, STDOUT_FILENO) < 0) _exit(126);
   for (char *word = strtok(j->line, " "); word != NULL && count < JOURNEY_WORDS - 1; word = strtok(NULL, " "))
     words[count++] = word;
-  alarm(JOURNEY_SECONDS); /* what hangs ends by SIGALRM */
+  alarm(JOURNEY_SECONDS); /* SIGALRM ends a run that hangs */
   faults_set(fault, j->seen);
   const int status = ernerf_main(count, words);
   faults_set(NULL, NULL);
   fflush(NULL);
-  _exit(status); /* libraries that were loaded before the fork would wait for threads of theirs in exit() */
+  _exit(status); /* not exit(): libraries loaded before the fork would wait there for threads that the child does not
+                    have */
 }
 
-/* Starts a line; `fault` NULL: nothing fails. */
+/* Starts a command line; `fault` NULL: nothing fails. */
 static inline void journey_start(struct journey *j, const struct fault *fault, const char *format, ...)
     ERN_PRINTF(3, 4);
 static inline void journey_start(struct journey *j, const struct fault *fault, const char *format, ...) {
@@ -78,7 +79,7 @@ static inline void journey_wait(struct journey *j) {
   fclose(file);
 }
 
-/* What must work. */
+/* Runs a command line that must succeed. */
 static inline void journey_ok(struct journey *j, const char *format, ...) ERN_PRINTF(2, 3);
 static inline void journey_ok(struct journey *j, const char *format, ...) {
   char line[sizeof j->line];
@@ -93,9 +94,9 @@ static inline void journey_ok(struct journey *j, const char *format, ...) {
 
 static inline bool journey_there(const char *path) { return access(path, F_OK) == 0; }
 
-/* ---- what is left ------------------------------------------------------------------------------------------------ */
+/* ---- results ----------------------------------------------------------------------------------------------------- */
 
-/* Step of a state file; -1 where it is not there or torn. */
+/* Step of a state file; -1: missing or incomplete. */
 static inline int64_t journey_step_of(ern_context *context, const char *path) {
   struct ern_tensor_file file = {0};
   long long step = -1;
@@ -108,7 +109,7 @@ static inline int64_t journey_step_of(ern_context *context, const char *path) {
   return step;
 }
 
-/* The newest step in a run folder that is whole; -1: none. */
+/* The newest complete step in a run folder; -1: none. */
 static inline int64_t journey_newest(ern_context *context, const char *run) {
   static const char *const names[] = {"state.next.safetensors", "state.safetensors", "state.previous.safetensors"};
   int64_t newest = -1;
@@ -121,7 +122,7 @@ static inline int64_t journey_newest(ern_context *context, const char *run) {
   return newest;
 }
 
-/* Files below `folder` that were being written and are not done, of the names that have `part` in them. */
+/* Number of unfinished temporary files below `folder` whose paths contain `part`; first: one of them. */
 static inline size_t journey_leftovers(const char *folder, const char *part, char first[1024]) {
   DIR *list = opendir(folder);
   size_t count = 0;
@@ -138,7 +139,7 @@ static inline size_t journey_leftovers(const char *folder, const char *part, cha
   return count;
 }
 
-/* A whole number in [0, most), by a seed and its count. */
+/* A random integer in [0, most), a function of seed and count. */
 static inline uint32_t journey_random(uint32_t seed, uint32_t count, uint32_t most) {
   return most > 0 ? ern_random_at(seed, count, 0, ERN_RNG_INIT).word[0] % most : 0;
 }

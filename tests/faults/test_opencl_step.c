@@ -48,7 +48,7 @@ static ern_span take(struct bench *b, size_t count, float low, float high, uint6
   float *values = malloc((count + 1) * sizeof *values);
   assert_non_null(values);
   for (size_t i = 0; i < count; i++) values[i] = value_at(seed, i, low, high);
-  support_ok(b->context, ern_take(b->stream, ERN_ELEMENT_REAL, count, &span));
+  support_ok(b->context, ern_scratch_take(b->stream, ERN_ELEMENT_REAL, count, &span));
   support_ok(b->context, b->backend->upload_reals(b->stream, span, values, count));
   free(values);
   return span;
@@ -69,7 +69,7 @@ static ern_span take_parameters(struct bench *b) {
     const struct ern_parameter *row = &b->table.row[r];
     for (size_t i = row->at; row->group == ERN_GROUP_GRID && i < row->at + row->count; i++) values[i] *= 3e3f;
   }
-  support_ok(b->context, ern_take(b->stream, ERN_ELEMENT_REAL, count, &span));
+  support_ok(b->context, ern_scratch_take(b->stream, ERN_ELEMENT_REAL, count, &span));
   support_ok(b->context, b->backend->upload_reals(b->stream, span, values, count));
   free(values);
   return span;
@@ -82,8 +82,8 @@ static void take_scene(struct bench *b) {
   assert_non_null(cells);
   memset(cells, 0xff, ERN_OCCUPANCY_BYTES);
   for (int i = 0; i < RAYS; i++) pixel_number[i] = (i * 37 + 60) % (SIDE * SIDE);
-  support_ok(b->context, ern_take(b->stream, ERN_ELEMENT_INT32, RAYS, &pixels));
-  support_ok(b->context, ern_take(b->stream, ERN_ELEMENT_BYTE, ERN_OCCUPANCY_BYTES, &bits));
+  support_ok(b->context, ern_scratch_take(b->stream, ERN_ELEMENT_INT32, RAYS, &pixels));
+  support_ok(b->context, ern_scratch_take(b->stream, ERN_ELEMENT_BYTE, ERN_OCCUPANCY_BYTES, &bits));
   support_ok(b->context, b->backend->upload_int32(b->stream, pixels, pixel_number, RAYS));
   support_ok(b->context, b->backend->upload_bytes(b->stream, bits, cells, ERN_OCCUPANCY_BYTES));
   free(cells);
@@ -338,7 +338,7 @@ static void test_density(void **state) {
                                        .code = take(&b, ERN_AUDIO_CODE, -1, 1, 9),
                                        .eye_value = 0.3f,
                                        .n = POINTS};
-  support_ok(b.context, ern_take(b.stream, ERN_ELEMENT_REAL, POINTS, &args.sigma));
+  support_ok(b.context, ern_scratch_take(b.stream, ERN_ELEMENT_REAL, POINTS, &args.sigma));
   const long long before = taken(&b);
   support_ok(b.context, b.backend->head_density(b.stream, &args));
   support_ok(b.context, b.backend->download_reals(b.stream, expected, args.sigma, POINTS));
@@ -372,7 +372,7 @@ static struct ern_render_rays_args frame_of(struct bench *b) {
                                       .transmittance_stop = 1e-4f,
                                       .n = PIXELS};
   for (int i = 0; i < PIXELS; i++) number[i] = i;
-  support_ok(b->context, ern_take(b->stream, ERN_ELEMENT_INT32, PIXELS, &args.pixel_number));
+  support_ok(b->context, ern_scratch_take(b->stream, ERN_ELEMENT_INT32, PIXELS, &args.pixel_number));
   support_ok(b->context, b->backend->upload_int32(b->stream, args.pixel_number, number, PIXELS));
   return args;
 }
@@ -415,7 +415,7 @@ static void test_picture_by_parts(void **state) {
   const struct faults nothing_more = {.memory = 1};
   ern_span rest;
   set_faults(nothing_more);
-  while (ern_take(b.stream, ERN_ELEMENT_REAL, 64, &rest) == ERN_OK) {
+  while (ern_scratch_take(b.stream, ERN_ELEMENT_REAL, 64, &rest) == ERN_OK) {
   }
   support_expect(b.context, render(&b, &args, nothing_more, found), ERN_E_NO_MEMORY, "OpenCL", "bytes", "is needed",
                  NULL);
@@ -461,10 +461,11 @@ static void test_scratch(void **state) {
   (void)state;
   bench_open(&b);
   const struct ern_arena_mark mark = ern_arena_mark(b.stream);
-  support_ok(b.context, ern_take(b.stream, ERN_ELEMENT_INT32, MANY, &span));
+  support_ok(b.context, ern_scratch_take(b.stream, ERN_ELEMENT_INT32, MANY, &span));
   set_faults((struct faults){.memory = taken(&b) + 5 * MANY});
-  support_ok(b.context, ern_take(b.stream, ERN_ELEMENT_INT32, MANY + 64, &span));
-  support_expect(b.context, ern_take(b.stream, ERN_ELEMENT_INT32, MANY, &span), ERN_E_NO_MEMORY, "4194304 bytes", NULL);
+  support_ok(b.context, ern_scratch_take(b.stream, ERN_ELEMENT_INT32, MANY + 64, &span));
+  support_expect(b.context, ern_scratch_take(b.stream, ERN_ELEMENT_INT32, MANY, &span), ERN_E_NO_MEMORY,
+                 "4194304 bytes", NULL);
   set_faults((struct faults){0});
   ern_arena_release(b.stream, mark);
   bench_close(&b);

@@ -19,7 +19,7 @@ static ern_status look_at(const uint8_t *bytes, size_t count, struct ern_onnx *o
   uint8_t *copy = malloc(count > 0 ? count : 1);
   assert_non_null(copy);
   if (count > 0) memcpy(copy, bytes, count);
-  const ern_status status = ern_onnx_look(context, "x.onnx", copy, count, onnx);
+  const ern_status status = ern_onnx_inspect(context, "x.onnx", copy, count, onnx);
   free(copy);
   return status;
 }

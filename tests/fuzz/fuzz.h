@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * What the fuzz targets share: with libFuzzer nothing but the declaration; built without it (ERN_FUZZ_REPLAY) a main
- * that replays the files of the folders it is given. */
+ * Shared code of the fuzz targets. With libFuzzer: only the declaration; without it (ERN_FUZZ_REPLAY): a main that
+ * replays all files of the given folders. */
 #ifndef ERN_TESTS_FUZZ_H
 #define ERN_TESTS_FUZZ_H
 
@@ -17,7 +17,7 @@
 
 int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t count);
 
-/* Ends the program where something that a reader promises does not hold. */
+/* Aborts the program if a guarantee of a reader does not hold. */
 #define FUZZ_REQUIRE(holds)                                                      \
   do {                                                                           \
     if (!(holds)) {                                                              \
@@ -26,14 +26,14 @@ int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t count);
     }                                                                            \
   } while (0)
 
-/* One context for all inputs, as a program has that reads many files. */
+/* One context for all inputs, as in a program that reads many files. */
 static inline ern_context *fuzz_context(void) {
   static ern_context *context;
   if (context == NULL && ern_context_create(&context, NULL) != ERN_OK) abort();
   return context;
 }
 
-/* Makes these bytes the file `path` of the working folder. */
+/* Writes these bytes to the file `path` in the working folder. */
 static inline void fuzz_file(const char *path, const uint8_t *bytes, size_t count) {
   const int file = open(path, O_WRONLY | O_CREAT | O_TRUNC, 0644);
   FUZZ_REQUIRE(file >= 0);
@@ -45,12 +45,12 @@ static inline void fuzz_file(const char *path, const uint8_t *bytes, size_t coun
   FUZZ_REQUIRE(close(file) == 0);
 }
 
-/* What a reader that failed leaves: a status, and words that begin with the file's name. */
+/* Checks a failed reader: it must return an error status, and a message that begins with the file's name. */
 static inline void fuzz_refused(const ern_context *context, const char *path) {
   FUZZ_REQUIRE(strncmp(ern_last_error(context), path, strlen(path)) == 0);
 }
 
-/* A copy in the library's memory, which a reader may take over; ends the program where there is no memory. */
+/* A copy in the library's memory, which a reader may take over; ends the program without memory. */
 static inline uint8_t *fuzz_copy(ern_context *context, const uint8_t *bytes, size_t count) {
   uint8_t *copy = NULL;
   if (ERN_NEW(context, count + 1, &copy) != ERN_OK) abort();
@@ -58,7 +58,7 @@ static inline uint8_t *fuzz_copy(ern_context *context, const uint8_t *bytes, siz
   return copy;
 }
 
-/* Reads every byte of a tensor: a wrong size or place is a read outside. */
+/* Reads every byte of a tensor: a wrong size or offset causes an out-of-bounds read. */
 static inline void fuzz_touch(const void *data, size_t count) {
   const volatile uint8_t *bytes = (const volatile uint8_t *)data;
   for (size_t i = 0; i < count; i++) (void)bytes[i];
@@ -86,7 +86,7 @@ int main(int argc, char **argv) {
     if (list != NULL) closedir(list);
   }
   printf("%d files replayed\n", files);
-  return files > 0 ? EXIT_SUCCESS : EXIT_FAILURE; /* a corpus that is not found is no success */
+  return files > 0 ? EXIT_SUCCESS : EXIT_FAILURE; /* a missing corpus is a failure */
 }
 #endif
 

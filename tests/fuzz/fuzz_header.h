@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * Safetensors files of a header that is anything and data that is zeros: as many as the header speaks of, so that
- * inputs stay small and their claims are believed. */
+ * Safetensors files with an arbitrary header and data of zeros. The data has the size that the header claims, so that
+ * inputs stay small and pass the size check. */
 #ifndef ERN_TESTS_FUZZ_HEADER_H
 #define ERN_TESTS_FUZZ_HEADER_H
 
@@ -18,7 +18,7 @@ static inline size_t fuzz_header_claims(const char *text) {
   return most;
 }
 
-/* Writes such a file; its zeros are a hole. */
+/* Writes such a file; the zeros are a sparse hole. */
 static inline void fuzz_header_file(const char *path, const uint8_t *header, size_t count) {
   uint8_t length[8];
   char *text = (char *)malloc(count + 1);

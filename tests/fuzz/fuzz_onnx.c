@@ -6,7 +6,7 @@
 int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t count) {
   ern_context *context = fuzz_context();
   struct ern_onnx onnx;
-  if (ern_onnx_look(context, "fuzz.onnx", bytes, count, &onnx) != ERN_OK) {
+  if (ern_onnx_inspect(context, "fuzz.onnx", bytes, count, &onnx) != ERN_OK) {
     fuzz_refused(context, "fuzz.onnx");
     return 0;
   }

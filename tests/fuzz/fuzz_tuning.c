@@ -44,7 +44,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t count) {
     FUZZ_REQUIRE(fits && m->standard_ns > 0 && m->best_ns > 0 && m->best_ns < INT64_MAX / 105 && m->best >= 1 &&
                  m->best <= 1024);
     FUZZ_REQUIRE(m->standard == ern_cl_standard_size(&device, (ern_cl_tunable)tunable));
-    FUZZ_REQUIRE(ern_cl_size_kept(m) >= 1);
+    FUZZ_REQUIRE(ern_cl_size_selected(m) >= 1);
   }
   return 0;
 }

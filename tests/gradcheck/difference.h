@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * Central differences in double against what a backward kernel says. */
+ * Compares the gradients of a backward kernel with central differences in double. */
 #ifndef ERN_TESTS_DIFFERENCE_H
 #define ERN_TESTS_DIFFERENCE_H
 
@@ -10,8 +10,8 @@
 
 #include "core/rng.h"
 
-/* A scalar function of values that the test owns, and a number that changes whenever the function is not smooth between
- * two sets of values: signs of rectified units, cells of a grid. NULL: smooth everywhere. */
+/* A scalar function of values that the test owns, and a hash that differs if the function is not smooth between two
+ * sets of values: it covers signs of ReLU units and cells of a grid. NULL: smooth everywhere. */
 struct difference {
   double (*loss)(void *user);
   uint64_t (*piece)(void *user);
@@ -31,7 +31,7 @@ static inline void difference_fill(double *values, size_t count, double scale, u
 /* FNV-1a over words. */
 static inline uint64_t difference_hash(uint64_t hash, uint64_t word) { return (hash ^ word) * 0x100000001b3u; }
 
-/* Is there a kink within 10 h of the value? */
+/* Whether the function has a kink within 10 h of the value. */
 static inline bool difference_kink(const struct difference *of, double *value, double h) {
   if (of->piece == NULL) return false;
   const double kept = *value;
@@ -45,7 +45,7 @@ static inline bool difference_kink(const struct difference *of, double *value, d
 }
 
 /* |g - g_fd| / |g_fd| over every `step`-th of a tensor's values <= 1e-6, with h = 1e-5 max(1, |x|): the truncation is
- * of the order h^2 = 1e-10 and the rounding of 1e-16/h = 1e-11. Values near a kink are left out; they must be a
+ * of the order h^2 = 1e-10 and the rounding of 1e-16/h = 1e-11. Values near a kink are skipped; they must be a
  * minority. */
 static inline void difference_check(const struct difference *of, const char *name, double *values,
                                     const double *gradient, size_t count, size_t step) {

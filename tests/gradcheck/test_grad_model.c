@@ -42,7 +42,7 @@ static double *reals_of(ern_span span) { return (double *)span.buffer->memory + 
 
 static ern_span take(struct scene *s, size_t count) {
   ern_span span;
-  support_ok(s->context, ern_take(s->stream, ERN_ELEMENT_REAL, count, &span));
+  support_ok(s->context, ern_scratch_take(s->stream, ERN_ELEMENT_REAL, count, &span));
   memset(reals_of(span), 0, count * sizeof(double));
   return span;
 }
@@ -53,7 +53,7 @@ static double random_at(uint32_t at, uint64_t seed) {
 
 static ern_rows random_rows(struct scene *s, int rows, size_t n, uint64_t seed) {
   ern_rows out;
-  support_ok(s->context, ern_take_rows(s->stream, rows, n, &out));
+  support_ok(s->context, ern_scratch_take_rows(s->stream, rows, n, &out));
   for (int r = 0; r < rows; r++)
     for (size_t i = 0; i < n; i++)
       reals_of(out.span)[(size_t)r * out.stride + i] = 0.1 + 0.8 * random_at((uint32_t)(100 * r) + (uint32_t)i, seed);
@@ -108,8 +108,8 @@ static void scene_open_of(struct scene *s, struct kinds kinds) {
                               .height = SIDE};
 
   ern_span pixel, bits;
-  support_ok(s->context, ern_take(s->stream, ERN_ELEMENT_INT32, RAYS, &pixel));
-  support_ok(s->context, ern_take(s->stream, ERN_ELEMENT_BYTE, ERN_OCCUPANCY_BYTES, &bits));
+  support_ok(s->context, ern_scratch_take(s->stream, ERN_ELEMENT_INT32, RAYS, &pixel));
+  support_ok(s->context, ern_scratch_take(s->stream, ERN_ELEMENT_BYTE, ERN_OCCUPANCY_BYTES, &bits));
   memset(bits.buffer->memory, 0xff, bits.at + ERN_OCCUPANCY_BYTES);
   for (int i = 0; i < RAYS; i++)
     ((int32_t *)pixel.buffer->memory)[pixel.at + (size_t)i] = (i * 37 + 60) % (SIDE * SIDE);

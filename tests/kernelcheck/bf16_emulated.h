@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
- * Pairs of bf16 without AVX512_BF16: in place of backend_cpu/lanes_bf16.h, bit for bit what Intel's manual says of
- * VCVTNE2PS2BF16 and VDPBF16PS (volume 2, "Operation" and "Description"), by AVX-512 F and DQ. NaNs are NaNs, but which
- * of their bits survive is not modelled.
+ * Emulates pairs of bf16 without AVX512_BF16, in place of backend_cpu/lanes_bf16.h: bit-exact to Intel's manual for
+ * VCVTNE2PS2BF16 and VDPBF16PS (volume 2, "Operation" and "Description"), by AVX-512 F and DQ. NaNs stay NaNs, but
+ * their payload bits are not modelled.
  *
  * VDPBF16PS: two fused multiply-adds one after the other, of the high halves first; each is rounded to nearest, ties to
  * even. Denormal operands, the sum before included, are zeros with their sign; a result that is below the normal
@@ -16,7 +16,7 @@
 LANES_INLINE vf bf16_magnitude(vf value) { return (vf)((vi)value & INT32_MAX); }
 LANES_INLINE vf bf16_flushed(vf value, vi tiny) { return vf_select(tiny, (vf)((vi)value & INT32_MIN), value); }
 
-/* In the lower half. */
+/* The result is in the lower half of each lane. */
 LANES_INLINE vu bf16_of(vf value) {
   const vu bits = (vu)value, size = bits & 0x7fffffffu;
   const vu rounded = (bits + 0x7fffu + (bits >> 16 & 1)) >> 16;

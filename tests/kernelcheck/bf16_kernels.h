@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * What is checked of pairs of bf16: the product and the conversion by the instructions (`real`: only where the machine
- * has AVX512_BF16) and by AVX-512 alone (`emulated`), and the rendering pass made of the latter. */
+ * The functions under test for pairs of bf16: product and conversion by the instructions (`real`: only if the machine
+ * has AVX512_BF16) and by AVX-512 alone (`emulated`), and the rendering pass with the emulation. */
 #ifndef ERN_TESTS_BF16_KERNELS_H
 #define ERN_TESTS_BF16_KERNELS_H
 
@@ -15,8 +15,8 @@ typedef void bf16_product(float *out, const float *start, const float *packed, c
                           size_t count, bool relu);
 /* pairs_of_rows of gemm_tile_bf16.h */
 typedef void bf16_rows(float *made, const float *x, size_t n);
-/* Products of training (gemm_rows.h), x [TILE][x_row], rows a whole number of registers; workspace [2]: what the
- * factors take. Forward: out [TILE][outs] = x W, W [ins][outs]. Sums: out [ins][outs] += x^T y, y [TILE][outs]. */
+/* Products of training (gemm_rows.h), x [TILE][x_row], rows a whole number of registers; workspace [2]: room for the
+ * factors. Forward: out [TILE][outs] = x W, W [ins][outs]. Sums: out [ins][outs] += x^T y, y [TILE][outs]. */
 typedef void bf16_rows_product(float *out, const float *x, size_t x_row, const float *y, size_t ins, size_t outs,
                                float *workspace[2]);
 /* 16 lanes of vf_add_pairs of lanes_bf16.h: sum[i] += a.b of pairs */

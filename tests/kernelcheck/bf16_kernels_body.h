@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * The functions of bf16_kernels.h, by the pairs of bf16 that the including file has chosen; BF16_NAME gives the suffix.
- */
+ * The functions of bf16_kernels.h, with the implementation of bf16 pairs that the including file chooses; BF16_NAME
+ * gives the suffix. */
 #define ERN_TILE_PAIRS
 #include "backend_cpu/simd/gemm_factors.h"
 #include "backend_cpu/simd/gemm_tile_bf16.h"
@@ -30,16 +30,16 @@ static struct rows_product product_of(float *out, struct rows_factors a, struct 
 
 void BF16_NAME(bf16_forward)(float *out, const float *x, size_t x_row, const float *y, size_t ins, size_t outs,
                              float *workspace[2]) {
-  const struct rows_factors a = rows_beside(workspace[0], x, x_row, ins),
-                            b = rows_below(workspace[1], y, outs, ins, outs);
+  const struct rows_factors a = factors_pair_columns(workspace[0], x, x_row, ins),
+                            b = factors_pair_rows(workspace[1], y, outs, ins, outs);
   const struct rows_product p = product_of(out, a, b, TILE, outs, ROWS_STORE);
   rows_forward(&p);
 }
 
 void BF16_NAME(bf16_sums)(float *out, const float *x, size_t x_row, const float *y, size_t ins, size_t outs,
                           float *workspace[2]) {
-  const struct rows_factors a = rows_below(workspace[0], x, x_row, TILE, x_row),
-                            b = rows_below(workspace[1], y, outs, TILE, outs);
+  const struct rows_factors a = factors_pair_rows(workspace[0], x, x_row, TILE, x_row),
+                            b = factors_pair_rows(workspace[1], y, outs, TILE, outs);
   const struct rows_product p = product_of(out, a, b, ins, outs, ROWS_ADD);
   rows_sums(&p);
 }

@@ -9,7 +9,7 @@
 #include "backend_opencl/device/buffer.h"
 #include "backend_opencl/device/cache.h"
 #include "backend_opencl/device/tune.h"
-#include "backend_opencl/device/tune_loads.h"
+#include "backend_opencl/device/tune_workloads.h"
 #include "core/memory.h"
 #include "io/file.h"
 
@@ -215,7 +215,7 @@ static void test_measure(void **state) {
     assert_true(m->standard == 64 && m->standard_ns > 0 && m->best_ns > 0 && m->best != 64 &&
                 (!refused || m->best == 256));
     assert_int_equal(refusals, refused ? device.cpu ? 1 : 2 : 0);
-    assert_int_equal(bench->size[ERN_CL_SIZE_grid_fwd], ern_cl_size_kept(m));
+    assert_int_equal(bench->size[ERN_CL_SIZE_grid_fwd], ern_cl_size_selected(m));
     for (ern_cl_tunable tunable = 0; tunable < ERN_CL_TUNABLE_COUNT; tunable++)
       assert_true(tunable == ERN_CL_SIZE_grid_fwd || measured[tunable].standard_ns == 0);
     bench->table.free(&bench->table);
@@ -224,17 +224,17 @@ static void test_measure(void **state) {
 
 /* ---- results ----------------------------------------------------------------------------------------------------- */
 
-static float *result_of(struct ern_cl_backend *backend, struct ern_cl_loads *loads, ern_cl_tunable tunable,
+static float *result_of(struct ern_cl_backend *backend, struct ern_cl_workloads *loads, ern_cl_tunable tunable,
                         ern_span span) {
   float *values = malloc(span.count * sizeof *values);
   assert_non_null(values);
-  support_ok(context, ern_cl_load_prepare(loads, tunable, loads->stream));
-  support_ok(context, ern_cl_load_run(loads, tunable, loads->stream));
+  support_ok(context, ern_cl_workload_prepare(loads, tunable, loads->stream));
+  support_ok(context, ern_cl_workload_run(loads, tunable, loads->stream));
   support_ok(context, backend->table.download_reals(loads->stream, values, span, span.count));
   return values;
 }
 
-static ern_span output_of(const struct ern_cl_loads *loads, ern_cl_tunable tunable) {
+static ern_span output_of(const struct ern_cl_workloads *loads, ern_cl_tunable tunable) {
   switch (tunable) {
     case ERN_CL_SIZE_mlp_fwd: return loads->mlp.forward.y.span;
     case ERN_CL_SIZE_mlp_bwd: return loads->mlp.dparameters;
@@ -246,7 +246,7 @@ static ern_span output_of(const struct ern_cl_loads *loads, ern_cl_tunable tunab
 }
 
 /* Narrow layers, whose kernels are built in a fraction of the time. */
-static void make_small(struct ern_cl_loads *loads) {
+static void make_small(struct ern_cl_workloads *loads) {
   struct ern_field *field = &loads->field;
   loads->mlp.forward.mlp.width[0] = loads->mlp.forward.x[0].rows = loads->mlp.dx[0].rows = 8;
   for (int l = 1; l < 3; l++) loads->mlp.forward.mlp.width[l] = field->density.width[l] = 8;
@@ -261,7 +261,7 @@ static void test_results(void **state) {
                                              ERN_CL_SIZE_grid_bwd, ERN_CL_SIZE_rays_tile, ERN_CL_SIZE_torso_tile};
   struct ern_cl_measured measured[ERN_CL_TUNABLE_COUNT];
   struct ern_cl_backend *backend[2];
-  struct ern_cl_loads *loads[2];
+  struct ern_cl_workloads *loads[2];
   (void)state;
   make_entry(measured, odd_size[device.cpu]);
   for (int odd = 0; odd < 2; odd++) {

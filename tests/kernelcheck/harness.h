@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * What the nouns of kernelcheck share: a noun's tests and its speed, sizes, and the clock. */
+ * Shared code of kernelcheck: the tests and benchmark of each subject ("noun"), test sizes, and timing. */
 #ifndef ERN_TESTS_HARNESS_H
 #define ERN_TESTS_HARNESS_H
 
@@ -31,8 +31,10 @@ static inline bool is_small(void) { return is_set("ERNERF_TEST_SMALL"); }
 static inline bool is_long(void) { return is_set("ERNERF_TEST_LONG"); }
 static inline size_t size_count(void) { return is_small() ? SMALL_SIZES : COUNT_OF(test_sizes); }
 
-/* Under emulation the reference takes some fifty times as long: checks of whole pictures then look at smaller ones. */
+/* Under emulation the reference takes about fifty times as long: checks of whole pictures then use smaller ones. */
 static inline bool is_emulated(void) { return getenv("ERNERF_EMULATED") != NULL; }
+/* The quick tests then take a sample of the shapes. */
+static inline bool is_sampled(void) { return is_emulated() && !is_long(); }
 static inline int emulated_side(int side) { return is_emulated() ? (side + 2) / 3 : side; }
 
 static inline float random_at(uint64_t seed, size_t at, float scale) { return machines_random(seed, at, scale); }
@@ -45,13 +47,13 @@ static inline float *floats(size_t count) { return held_memory(count, sizeof(flo
 
 bool divides_exactly(int k); /* quotients and roots are correctly rounded; true of a CPU's kernels */
 bool compiles_for_cpus(int k);
-/* Settings of the device for a test to change and set back; 0 keeps. Returns what was there. */
+/* Changes a setting of the device for a test; 0: no change. Returns the previous value. */
 size_t set_local_bytes(int k, size_t bytes);
 int set_vector_width(int k, int width);
 
 /* ---- threads: machines have one ---- */
 
-/* A stream of so many threads for machine k; returns its own, for stream_restore. */
+/* Gives machine k a stream with so many threads; returns its previous stream, for stream_restore. */
 struct ern_stream *stream_replace(int k, int threads);
 void stream_restore(int k, struct ern_stream *own);
 
@@ -64,8 +66,8 @@ struct bench_line {
 };
 bool bench_again(struct bench_line *line);
 
-/* Nanoseconds an item, and the ratio to number 0. products: multiply-adds of a call; what a CPU makes of them is held
- * against the peak of its instruction set on one core. 0: not counted. */
+/* Nanoseconds for each item, and the ratio to machine 0. products: multiply-adds of a call, 0: not counted; a CPU's
+ * rate is compared with the peak of its instruction set on one core. */
 #define BENCH_PRODUCTS(what, items, products, slot, args)                                                             \
   for (struct bench_line line_ = {what, (double)(items), (double)(products), 0, 0, 0, 0, 0, 0}; bench_again(&line_);) \
   support_ok(machines.context, machines.backend[line_.k]->slot(machines.stream[line_.k], &(args)[line_.k]))

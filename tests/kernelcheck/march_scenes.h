@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * What the checks of marching look at: cameras, rays, and occupied cells of all kinds. */
+ * Scenes for the tests of ray marching: cameras, rays, and occupied cells of all kinds. */
 #ifndef ERN_TESTS_MARCH_SCENES_H
 #define ERN_TESTS_MARCH_SCENES_H
 
@@ -13,8 +13,8 @@ enum { SIZES = sizeof sizes / sizeof *sizes, MOST = 403, SIDE = ERN_OCCUPANCY_SI
 
 static inline uint32_t word_at(uint64_t seed, size_t at) { return words_at(seed, 1, at).word[0]; }
 
-/* Pixels anywhere, at the ends of rows, where a quotient that is rounded goes over, and 0; a camera, at times with an
- * odd number in it. */
+/* Pixels anywhere, at the ends of rows (where a rounded quotient may be one too large), and 0; a camera, sometimes with
+ * an extreme value in it. */
 static inline void aim_camera(struct ern_view *view, int32_t pixel[MOST], int width, uint64_t seed) {
   static const float odd[] = {0, -0.0f, 1e-40f, 1e30f, -1e30f, INFINITY, NAN, 3};
   *view = (struct ern_view){.focal = 300 * (1 + random_at(seed, 1, 0.9f)),
@@ -99,7 +99,7 @@ static const float origins[][3] = {{0.1f, 3.3f, -0.2f}, {0.2f, -0.1f, 0.3f}, {0,
                                    {-4, 0.1f, 0.2f},    {1, 0.5f, 1},        {-0.0f, 2, 1e-20f}, {30, 400, -50}};
 enum { ORIGINS = sizeof origins / sizeof *origins };
 
-/* Numbers of all kinds in every place: near and at the ends of floats, none. */
+/* Extreme values in every place: near and at the limits of floats, and NaN. */
 static inline void aim_oddly(struct scene *scene, uint64_t seed) {
   static const float value[] = {0,      -0.0f, 1,        -1,        1e-30f, -1e-30f,    1e-6f,       1e-40f, 1e30f,
                                 -1e30f, 1e7f,  INFINITY, -INFINITY, NAN,    0.5773503f, -0.5773503f, 3e38f,  1e-44f};

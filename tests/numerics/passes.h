@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * A head and a torso with a look from outside at them, for the fused passes: hostile values are put into a copy of the
- * parameters. Half of the rays meet the occupied ball, the others nothing. */
+ * A head and a torso, and rays from outside, for tests of the fused passes with extreme values in a copy of the
+ * parameters. Half of the rays hit the occupied ball, the others nothing. */
 #ifndef ERN_TEST_PASSES_H
 #define ERN_TEST_PASSES_H
 
@@ -14,7 +14,7 @@ enum { PASS_SIDE = 16, PASS_RAYS = PASS_SIDE * PASS_SIDE, PASS_WIDTH = 5, PASS_W
 struct passes {
   struct ern_field field;
   struct ern_parameter_table table;
-  float *usual, *block; /* [parameters]; the tests spoil the second */
+  float *usual, *block; /* [parameters]; the tests modify the second */
   uint8_t *ball, *nothing;
   struct ern_view view;
   struct ern_march_settings settings;
@@ -61,14 +61,14 @@ static inline int close_passes(void **state) {
   free(passes.usual), free(passes.block), free(passes.ball), free(passes.nothing);
   return close_machines(state);
 }
-/* The model of test_hard_frames, whose kernels are there then. */
+/* The model of test_hard_frames, so that its kernels are already built. */
 static inline int open_passes(void **state) {
   open_machines(state);
   passes_open(false, 0, true);
   return 0;
 }
 
-/* The block as it was. */
+/* Restores the block. */
 static inline void passes_reset(void) {
   memcpy(passes.block, passes.usual, passes.field.parameters * sizeof(float));
   machines_clear();
@@ -82,18 +82,18 @@ static inline size_t layer_weights(const struct ern_mlp *net, int layer) {
 static inline void scale_layer(const struct ern_mlp *net, int layer, float times) {
   for (size_t i = 0; i < layer_weights(net, layer); i++) passes.block[net->weight[layer] + i] *= times;
 }
-/* All weights from the inputs [first, first + count) of a layer. */
+/* Sets all weights from the inputs [first, first + count) of a layer. */
 static inline void set_inputs(const struct ern_mlp *net, int layer, int first, int count, float value) {
   for (int r = 0; r < net->width[layer + 1]; r++)
     for (int c = first; c < first + count; c++)
       passes.block[net->weight[layer] + (size_t)(r * net->width[layer] + c)] = value;
 }
-/* Row `row` of a layer is factor |w|: the sign of its output is known where what comes in is positive. */
+/* Makes row `row` of a layer factor |w|: for positive inputs the sign of its output is known. */
 static inline void set_row_sign(const struct ern_mlp *net, int layer, int row, float factor) {
   float *w = passes.block + net->weight[layer] + (size_t)row * (size_t)net->width[layer];
   for (int c = 0; c < net->width[layer]; c++) w[c] = factor * fabsf(w[c]);
 }
-/* A hidden layer whose units are all off. */
+/* Makes all units of a hidden layer inactive. */
 static inline void kill_units(const struct ern_mlp *net, int layer) {
   for (int r = 0; r < net->width[layer + 1]; r++) set_row_sign(net, layer, r, -1);
 }
@@ -102,7 +102,7 @@ static inline void kill_units(const struct ern_mlp *net, int layer) {
 
 static inline bool in_bf16(int k) { return strcmp(machines.name[k], "avx512bf16") == 0; }
 
-/* As expect_truth; where products are of bf16, `rough` of the value instead. */
+/* As expect_truth; with bf16 products, the tolerance is `rough` times the value. */
 static inline void expect_near_truth(const char *what, struct many span, double relative, double absolute,
                                      double rough) {
   double *truth = many_values(0, span);

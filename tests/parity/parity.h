@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * What the tests against PyTorch share: its arrays, its clip, and a head step on a backend. */
+ * Shared code of the tests against PyTorch: its arrays, its clip, and a head's training step on a backend. */
 #ifndef ERN_TESTS_PARITY_H
 #define ERN_TESTS_PARITY_H
 
@@ -44,8 +44,8 @@ struct parity {
   ern_backend *backend;
 };
 
-/* What a frame or a step is computed with: the instruction sets of this machine, and the OpenCL device where the build
- * has OpenCL. NULL past the last. */
+/* The backends for a frame or a step: the instruction sets of this machine, and the OpenCL device if the build has
+ * OpenCL. NULL past the last. */
 static inline const char *parity_isa(int number) {
   for (ern_isa isa = ERN_ISA_REF; isa < ERN_ISAS; isa++)
     if (ern_isa_available(isa) && number-- == 0) return ern_isa_name(isa);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * Training steps on given pixels, straight through the dispatch table: what the recorded trainings need. */
+ * Training steps on given pixels through the dispatch table, for comparison with recorded trainings. */
 #ifndef ERN_TESTS_PARITY_STEP_H
 #define ERN_TESTS_PARITY_STEP_H
 
@@ -17,7 +17,7 @@ struct parity_step {
 
 static inline ern_span parity_reals(struct parity_step *s, size_t count) {
   ern_span span;
-  support_ok(s->p->context, ern_take(s->stream, ERN_ELEMENT_REAL, count, &span));
+  support_ok(s->p->context, ern_scratch_take(s->stream, ERN_ELEMENT_REAL, count, &span));
   support_ok(s->p->context, s->p->backend->zero(s->stream, span));
   return span;
 }
@@ -32,10 +32,10 @@ static inline void parity_step_open(struct parity_step *s, struct parity *p, siz
   s->face = parity_reals(s, rays);
   s->jitter = parity_reals(s, rays);
   s->windows = parity_reals(s, 8 * (size_t)p->data.features->window_length * (size_t)p->data.features->width);
-  support_ok(p->context, ern_take_rows(s->stream, 3, rays, &s->truth));
-  support_ok(p->context, ern_take_rows(s->stream, 3, rays, &s->background));
-  support_ok(p->context, ern_take(s->stream, ERN_ELEMENT_INT32, rays, &s->pixel_number));
-  support_ok(p->context, ern_take(s->stream, ERN_ELEMENT_BYTE, ERN_OCCUPANCY_BYTES, &s->bits));
+  support_ok(p->context, ern_scratch_take_rows(s->stream, 3, rays, &s->truth));
+  support_ok(p->context, ern_scratch_take_rows(s->stream, 3, rays, &s->background));
+  support_ok(p->context, ern_scratch_take(s->stream, ERN_ELEMENT_INT32, rays, &s->pixel_number));
+  support_ok(p->context, ern_scratch_take(s->stream, ERN_ELEMENT_BYTE, ERN_OCCUPANCY_BYTES, &s->bits));
   support_ok(p->context, b->upload_reals(s->stream, s->values, p->model->block, s->parameters));
   support_ok(p->context, b->upload_bytes(s->stream, s->bits, p->model->bits, ERN_OCCUPANCY_BYTES));
   if (p->model->torso_grid != NULL) {
@@ -101,9 +101,9 @@ static inline void parity_step_rays(struct parity_step *s, size_t frame, const i
  * by name, 2e-3 for the tables.
  *
  * AudioAttNet's softmax is saturated in this model, so its gradient is a difference of numbers that agree in nearly all
- * digits: 1e-11 beside 1e-3 upstream. There PyTorch's float32 is itself off from the double truth by more than the
- * tolerance, and that distance is allowed on top. `truth`: the gradient of the double reference, NULL while that itself
- * is being computed (its AudioAttNet is held by finite differences instead). */
+ * digits: 1e-11, where the upstream gradient is 1e-3. PyTorch's float32 itself differs from the double truth there by
+ * more than the tolerance; that distance is added to the tolerance. `truth`: the gradient of the double reference, NULL
+ * while that is computed (finite differences check its AudioAttNet instead). */
 static inline void parity_gradients(struct parity_step *s, const char *prefix, size_t code_row, bool torso,
                                     const float *truth) {
   struct parity *p = s->p;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * A job as the steps of `prepare` are given it, without a video. */
+ * A job as input for the steps of `prepare`, without a video. */
 #ifndef ERN_TESTS_PREPARE_TEST_H
 #define ERN_TESTS_PREPARE_TEST_H
 
@@ -49,7 +49,7 @@ static inline double made_random(uint64_t *state) { /* xorshift64* */
   return (double)((*state * 0x2545f4914f6cdd1du) >> 11) * 0x1p-52 - 1;
 }
 
-/* A head `depth` metres before the camera, turned by yaw, pitch and roll, degrees. */
+/* A head `depth` metres in front of the camera, rotated by yaw, pitch and roll, degrees. */
 static inline struct ern_head_pose made_pose(double yaw, double pitch, double roll, double x, double y, double depth) {
   const double d = 0.017453292519943295;
   const double a = yaw * d, b = pitch * d, c = roll * d;

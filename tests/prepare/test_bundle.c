@@ -12,8 +12,8 @@ struct head {
   double truth[POINTS][3], prior[POINTS][3], shape[POINTS][3];
   struct ern_head_pose poses[FRAMES];
   struct ern_bundle_pose bundled[FRAMES];
-  struct ern_sighting seen[FRAMES * POINTS];
-  struct ern_sightings shown[FRAMES];
+  struct ern_observation seen[FRAMES * POINTS];
+  struct ern_observations shown[FRAMES];
   float weights[POINTS];
   struct ern_bundle bundle;
 };
@@ -48,7 +48,7 @@ static void make(struct head *h, double spread, double noise, double outliers) {
         at[c] = (float)(pixel[c] + noise * normal + (away ? 40 * made_random(&random) : 0));
       }
     }
-    h->shown[i] = (struct ern_sightings){h->seen + i * POINTS, POINTS};
+    h->shown[i] = (struct ern_observations){h->seen + i * POINTS, POINTS};
     ern_bundle_pose_from(&h->poses[FIXED], &h->bundled[i]);
   }
   h->bundle = (struct ern_bundle){.context = h->context,

@@ -48,32 +48,32 @@ static void test_poses_refused(void **state) {
   (void)state;
   struct made_job m;
   struct ern_head_pose poses[MOST];
-  size_t unheard = 0;
+  size_t audio_mismatches = 0;
   made_job_open(&m, "clip", SIDE, 22);
   poses_of(poses, 22);
   support_ok(m.job.context, ern_prepare_poses_write(&m.job, poses));
   m.options.poses = "clip/transforms_train.json"; /* not all frames */
-  support_expect(m.job.context, ern_prepare_poses_supplied(&m.job, poses, &unheard), ERN_E_MISSING,
+  support_expect(m.job.context, ern_prepare_poses_supplied(&m.job, poses, &audio_mismatches), ERN_E_MISSING,
                  "transforms_train.json", "no pose of frame 20", "0 to 21", NULL);
   m.job.frames = 20;
-  support_ok(m.job.context, ern_prepare_poses_supplied(&m.job, poses, &unheard));
+  support_ok(m.job.context, ern_prepare_poses_supplied(&m.job, poses, &audio_mismatches));
   m.job.frames = 19;
-  support_expect(m.job.context, ern_prepare_poses_supplied(&m.job, poses, &unheard), ERN_E_MISMATCH,
+  support_expect(m.job.context, ern_prepare_poses_supplied(&m.job, poses, &audio_mismatches), ERN_E_MISMATCH,
                  "transforms_train.json", "img_id 19", "0 to 18", NULL);
   m.job.frames = 20;
   m.job.side = 2 * SIDE;
-  support_expect(m.job.context, ern_prepare_poses_supplied(&m.job, poses, &unheard), ERN_E_MISMATCH,
+  support_expect(m.job.context, ern_prepare_poses_supplied(&m.job, poses, &audio_mismatches), ERN_E_MISMATCH,
                  "transforms_train.json", "128 x 128", "256 x 256", NULL);
   m.job.side = SIDE;
   /* each frame once, and before the camera */
   m.options.poses = "clip/transforms_train.json";
   assert_int_equal(system("sed -i 's/\"img_id\": 3,/\"img_id\": 2,/' clip/transforms_train.json"), 0);
-  support_expect(m.job.context, ern_prepare_poses_supplied(&m.job, poses, &unheard), ERN_E_FORMAT,
+  support_expect(m.job.context, ern_prepare_poses_supplied(&m.job, poses, &audio_mismatches), ERN_E_FORMAT,
                  "transforms_train.json", "frame 3: img_id 2 has a pose already", NULL);
   poses_of(poses, 20);
   poses[7].translation[2] = 0.5;
   support_ok(m.job.context, ern_prepare_poses_write(&m.job, poses));
-  support_expect(m.job.context, ern_prepare_poses_supplied(&m.job, poses, &unheard), ERN_E_FORMAT,
+  support_expect(m.job.context, ern_prepare_poses_supplied(&m.job, poses, &audio_mismatches), ERN_E_FORMAT,
                  "transforms_train.json", "frame 7: field transform_matrix", "0.5 behind the camera", NULL);
   /* a camera and a distance at which a head can be seen */
   static const double focals[] = {0.01, 1e6};
@@ -81,12 +81,12 @@ static void test_poses_refused(void **state) {
     poses_of(poses, 20);
     m.job.focal = focals[i];
     support_ok(m.job.context, ern_prepare_poses_write(&m.job, poses));
-    support_expect(m.job.context, ern_prepare_poses_supplied(&m.job, poses, &unheard), ERN_E_FORMAT,
+    support_expect(m.job.context, ern_prepare_poses_supplied(&m.job, poses, &audio_mismatches), ERN_E_FORMAT,
                    "transforms_train.json: field focal_len", "expected 25.6 to 2560 pixels", NULL);
     m.job.focal = 2.4 * SIDE;
     for (int k = 0; k < 20; k++) poses[k] = made_pose(0, 0, 0, 0, 0, i == 0 ? 700 : 0.07);
     support_ok(m.job.context, ern_prepare_poses_write(&m.job, poses));
-    support_expect(m.job.context, ern_prepare_poses_supplied(&m.job, poses, &unheard), ERN_E_FORMAT,
+    support_expect(m.job.context, ern_prepare_poses_supplied(&m.job, poses, &audio_mismatches), ERN_E_FORMAT,
                    "transforms_train.json: frame 0: field transform_matrix has the head",
                    i == 0 ? "700 m before" : "0.07 m before", NULL);
   }
@@ -109,12 +109,12 @@ static void test_poses_refused(void **state) {
     m.job.frames = 22;
     support_ok(m.job.context, ern_prepare_poses_write(&m.job, poses));
     m.job.frames = 20;
-    support_expect(m.job.context, ern_prepare_poses_supplied(&m.job, poses, &unheard),
+    support_expect(m.job.context, ern_prepare_poses_supplied(&m.job, poses, &audio_mismatches),
                    most[i].words != NULL ? ERN_E_FORMAT : ERN_OK, most[i].words, NULL);
   }
   m.options.poses = "nowhere.json";
-  support_expect(m.job.context, ern_prepare_poses_supplied(&m.job, poses, &unheard), ERN_E_MISSING, "nowhere.json",
-                 NULL);
+  support_expect(m.job.context, ern_prepare_poses_supplied(&m.job, poses, &audio_mismatches), ERN_E_MISSING,
+                 "nowhere.json", NULL);
   remove("clip/transforms_val.json");
   support_expect(m.job.context, ern_prepare_poses_read(&m.job, poses), ERN_E_MISSING, "transforms_val.json", NULL);
   made_job_close(&m);
@@ -395,7 +395,7 @@ static void set_time(const char *path, long long seconds, long nanoseconds) {
 /* A file has another mark by a byte or a nanosecond more, a folder by any of its files. */
 static void test_marks(void **state) {
   (void)state;
-  char first[ERN_PREPARE_MARK], mark[ERN_PREPARE_MARK];
+  char first[ERN_PREPARE_FINGERPRINT_BYTES], mark[ERN_PREPARE_FINGERPRINT_BYTES];
   support_clear("own");
   assert_int_equal(mkdir("own", 0777), 0);
   for (int i = 0; i < 3; i++) {
@@ -407,25 +407,25 @@ static void test_marks(void **state) {
   set_time("own", 1000, 5);
   static const char *const paths[] = {"own/1.lms", "own"};
   for (int k = 0; k < 2; k++) {
-    assert_ptr_equal(ern_prepare_mark(paths[k], first), first);
-    assert_string_equal(ern_prepare_mark(paths[k], mark), first);
+    assert_ptr_equal(ern_prepare_fingerprint(paths[k], first), first);
+    assert_string_equal(ern_prepare_fingerprint(paths[k], mark), first);
     set_time("own/1.lms", 1000, 6);
-    assert_string_not_equal(ern_prepare_mark(paths[k], mark), first);
+    assert_string_not_equal(ern_prepare_fingerprint(paths[k], mark), first);
     set_time("own/1.lms", 1000, 5);
-    assert_string_equal(ern_prepare_mark(paths[k], mark), first);
+    assert_string_equal(ern_prepare_fingerprint(paths[k], mark), first);
     support_write_text("own/1.lms", "1 2 3");
     set_time("own/1.lms", 1000, 5);
-    assert_string_not_equal(ern_prepare_mark(paths[k], mark), first);
+    assert_string_not_equal(ern_prepare_fingerprint(paths[k], mark), first);
     support_write_text("own/1.lms", "1 2");
     set_time("own/1.lms", 1000, 5);
-    assert_string_equal(ern_prepare_mark(paths[k], mark), first);
+    assert_string_equal(ern_prepare_fingerprint(paths[k], mark), first);
   }
   support_write_text("own/3.lms", "");
   set_time("own/3.lms", 1000, 5);
   set_time("own", 1000, 5);
-  assert_string_not_equal(ern_prepare_mark("own", mark), first);
-  assert_string_equal(ern_prepare_mark(NULL, mark), "");
-  assert_string_equal(ern_prepare_mark("nowhere", mark), "nowhere");
+  assert_string_not_equal(ern_prepare_fingerprint("own", mark), first);
+  assert_string_equal(ern_prepare_fingerprint(NULL, mark), "");
+  assert_string_equal(ern_prepare_fingerprint("nowhere", mark), "nowhere");
   support_clear("own");
 }
 

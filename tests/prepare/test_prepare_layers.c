@@ -196,7 +196,7 @@ static void test_no_shoulders(void **state) {
   free(grey);
 }
 
-static void test_brought(void **state) {
+static void test_supplied(void **state) {
   struct truth *t = *state;
   struct run run = {.options = ern_prepare_options_default()};
   run.options.masks = "brought";
@@ -375,9 +375,9 @@ static void test_nothing(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_truth),   cmocka_unit_test(test_no_shoulders),
-                                     cmocka_unit_test(test_brought), cmocka_unit_test(test_background),
-                                     cmocka_unit_test(test_cancel),  cmocka_unit_test(test_cluttered),
-                                     cmocka_unit_test(test_key),     cmocka_unit_test(test_nothing)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_truth),    cmocka_unit_test(test_no_shoulders),
+                                     cmocka_unit_test(test_supplied), cmocka_unit_test(test_background),
+                                     cmocka_unit_test(test_cancel),   cmocka_unit_test(test_cluttered),
+                                     cmocka_unit_test(test_key),      cmocka_unit_test(test_nothing)};
   return cmocka_run_group_tests(tests, make_truth, free_truth);
 }

@@ -144,7 +144,7 @@ static void test_landmarks_refused(void **state) {
 static void expect_lids(struct made_job *m, size_t held_expected, size_t first, size_t each) {
   float values[FRAMES];
   size_t held = 9;
-  support_ok(m->job.context, ern_openface_lids(&m->job, "lids.csv", values, &held));
+  support_ok(m->job.context, ern_openface_blinks(&m->job, "lids.csv", values, &held));
   assert_int_equal(held, held_expected);
   for (size_t i = 0; i < FRAMES; i++) assert_true(fabsf(values[i] - (float)((first + each * i) % 50) / 10) < 1e-5f);
 }
@@ -160,11 +160,11 @@ static void test_lids(void **state) {
   m.options.from = 1;
   expect_lids(&m, 0, 50, 2);
   write_table("lids.csv", FRAMES, 50, 0, 0); /* as many rows as frames, and not of them */
-  support_expect(m.job.context, ern_openface_lids(&m.job, "lids.csv", values, &held), ERN_E_MISMATCH, "lids.csv",
+  support_expect(m.job.context, ern_openface_blinks(&m.job, "lids.csv", values, &held), ERN_E_MISMATCH, "lids.csv",
                  "no row near 1.00 s", "20 rows end at 0.38 s", NULL);
   m.options.from = 0;
   write_table("lids.csv", FRAMES, 20, 0, 0);
-  support_ok(m.job.context, ern_openface_lids(&m.job, "lids.csv", values, &held));
+  support_ok(m.job.context, ern_openface_blinks(&m.job, "lids.csv", values, &held));
   for (size_t i = 0; i < FRAMES; i++) assert_true(fabs((double)values[i] - floor(0.8 * (double)i + 0.5) / 10) < 1e-5);
   FILE *plain = fopen("lids.csv", "wb"); /* a row a frame of the clip, wherever that is */
   assert_non_null(plain);
@@ -175,7 +175,7 @@ static void test_lids(void **state) {
   expect_lids(&m, 0, 0, 1);
   m.options.from = 0;
   write_table("lids.csv", FRAMES, 25, 4, 6);
-  support_ok(m.job.context, ern_openface_lids(&m.job, "lids.csv", values, &held));
+  support_ok(m.job.context, ern_openface_blinks(&m.job, "lids.csv", values, &held));
   assert_int_equal(held, 2);
   assert_true(fabsf(values[5] - 0.3f) < 1e-5f);
   static const char *const beyond[] = {"1e30", "-3", "5.1"}; /* row 4 */
@@ -184,13 +184,13 @@ static void test_lids(void **state) {
     snprintf(line, sizeof line, "(echo AU45_r; yes 5 | head -n 3; echo %s; yes 0 | head -n 16) >lids.csv", beyond[i]);
     assert_int_equal(system(line), 0);
     snprintf(words, sizeof words, "lids.csv: row 4: AU45_r is %g, expected 0", strtod(beyond[i], NULL));
-    support_expect(m.job.context, ern_openface_lids(&m.job, "lids.csv", values, &held), ERN_E_FORMAT, words, NULL);
+    support_expect(m.job.context, ern_openface_blinks(&m.job, "lids.csv", values, &held), ERN_E_FORMAT, words, NULL);
   }
   support_write_text("lids.csv", "AU45_r\n1\n2\n");
-  support_expect(m.job.context, ern_openface_lids(&m.job, "lids.csv", values, &held), ERN_E_MISMATCH, "lids.csv",
+  support_expect(m.job.context, ern_openface_blinks(&m.job, "lids.csv", values, &held), ERN_E_MISMATCH, "lids.csv",
                  "has 2 rows", "20 frames", NULL);
   support_write_text("lids.csv", "timestamp, success\n1, 1\n");
-  support_expect(m.job.context, ern_openface_lids(&m.job, "lids.csv", values, &held), ERN_E_MISSING, "lids.csv",
+  support_expect(m.job.context, ern_openface_blinks(&m.job, "lids.csv", values, &held), ERN_E_MISSING, "lids.csv",
                  "AU45_r", NULL);
   made_job_close(&m);
 }

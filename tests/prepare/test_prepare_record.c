@@ -151,7 +151,7 @@ static void test_moved(void **state) {
   job_on(&m, "clip");
   support_clear("moved");
   support_ok(m.job.context, open_record(&m, &lock));
-  support_ok(m.job.context, ern_prepare_claim(&m.job, "report.html", path));
+  support_ok(m.job.context, ern_prepare_register_output(&m.job, "report.html", path));
   assert_int_equal(rename("clip", "moved"), 0);
   for (int other = 0; other < 2; other++) {
     if (other > 0) {
@@ -259,7 +259,7 @@ static void test_clear(void **state) {
                                       "prepare.json",   "aud_ds.npy",      "ori_imgs/0.png",
                                       "thesis.txt",     "au.csv",          "aud.npy" /* no call made them */};
   for (size_t i = 0; i < sizeof goes / sizeof *goes; i++) {
-    assert_true(ern_prepare_claim(&m.job, goes[i], path) == ERN_OK);
+    assert_true(ern_prepare_register_output(&m.job, goes[i], path) == ERN_OK);
     support_write_text(path, "made");
   }
   for (size_t i = 0; i < sizeof stays / sizeof *stays; i++) {
@@ -322,7 +322,8 @@ static void test_not_made(void **state) {
   m.options.anew = false;
   assert_int_equal(system("mkdir -p clip/ori_imgs"), 0);
   assert_int_equal(json_object_set_new(m.job.record, "frames", json_integer(3)), 0);
-  support_ok(m.job.context, ern_prepare_claim(&m.job, "ori_imgs/0.jpg", path)); /* "face" is done, and nothing else */
+  support_ok(m.job.context,
+             ern_prepare_register_output(&m.job, "ori_imgs/0.jpg", path)); /* "face" is done, and nothing else */
   assert_string_equal(path, "clip/ori_imgs/0.jpg");
   m.job.frames = 3;
   support_write_text("clip/ori_imgs/2.jpg", "made");
@@ -333,9 +334,10 @@ static void test_not_made(void **state) {
   support_ok(m.job.context, ern_prepare_check_files(&m.job, 2, false));
   support_write_text("clip/ori_imgs/2.lms", "mine");
   support_expect(m.job.context, ern_prepare_check_files(&m.job, 2, false), ERN_E_EXISTS, "ori_imgs/2.lms", NULL);
-  support_expect(m.job.context, ern_prepare_claim(&m.job, "ori_imgs/0.lms", path), ERN_E_EXISTS, "ori_imgs/2.lms",
+  support_expect(m.job.context, ern_prepare_register_output(&m.job, "ori_imgs/0.lms", path), ERN_E_EXISTS,
+                 "ori_imgs/2.lms", NULL);
+  support_expect(m.job.context, ern_prepare_register_output(&m.job, "thesis.txt", path), ERN_E_ARGUMENT, "thesis.txt",
                  NULL);
-  support_expect(m.job.context, ern_prepare_claim(&m.job, "thesis.txt", path), ERN_E_ARGUMENT, "thesis.txt", NULL);
   support_write_text("clip/bc.jpg", "mine");
   support_ok(m.job.context, ern_prepare_remove_made(&m.job, "bc.jpg"));
   support_ok(m.job.context, ern_prepare_clear(&m.job));
@@ -356,7 +358,7 @@ static void test_noted_not_written(void **state) {
   made_job_open(&m, "clip", 128, 3);
   assert_int_equal(json_object_set_new(m.job.record, "frames", json_integer(3)), 0);
   assert_int_equal(system("mkdir clip/gt_imgs clip/ori_imgs"), 0);
-  for (size_t i = 0; i < NAMES; i++) support_ok(m.job.context, ern_prepare_claim(&m.job, names[i], path));
+  for (size_t i = 0; i < NAMES; i++) support_ok(m.job.context, ern_prepare_register_output(&m.job, names[i], path));
   support_write_text("clip/bc.jpg", "made");
   support_write_text("clip/au.csv", "made");
   support_write_text("clip/ori_imgs/0.jpg", "made"); /* and 1 and 2 are not */
@@ -364,8 +366,8 @@ static void test_noted_not_written(void **state) {
   for (size_t i = 0; i < NAMES; i++) {
     snprintf(path, sizeof path, "clip/%s", names[i]);
     if (i != SAME) support_write_text(path, "mine");
-    support_expect(m.job.context, ern_prepare_claim(&m.job, names[i], path), i == SAME ? ERN_OK : ERN_E_EXISTS,
-                   i == SAME ? NULL : names[i], "did not make it", NULL);
+    support_expect(m.job.context, ern_prepare_register_output(&m.job, names[i], path),
+                   i == SAME ? ERN_OK : ERN_E_EXISTS, i == SAME ? NULL : names[i], "did not make it", NULL);
   }
   support_ok(m.job.context, ern_prepare_remove_made(&m.job, "bc.jpg"));
   support_ok(m.job.context, ern_prepare_clear(&m.job));
@@ -386,7 +388,7 @@ static void test_noted_with_gap(void **state) {
   made_job_open(&m, "clip", 128, 3);
   assert_int_equal(json_object_set_new(m.job.record, "frames", json_integer(3)), 0);
   assert_int_equal(system("mkdir clip/parsing"), 0);
-  support_ok(m.job.context, ern_prepare_claim(&m.job, "parsing/0.png", path));
+  support_ok(m.job.context, ern_prepare_register_output(&m.job, "parsing/0.png", path));
   for (int i = 0; i < 3; i++) {
     snprintf(path, sizeof path, "clip/parsing/%d.png", i);
     support_write_text(path, "made");
@@ -395,14 +397,15 @@ static void test_noted_with_gap(void **state) {
   assert_int_equal(remove("clip/parsing/1.png"), 0);
   for (int call = 0; call < 2; call++) {
     support_ok(m.job.context, ern_prepare_note_made(&m.job));
-    support_ok(m.job.context, ern_prepare_claim(&m.job, "parsing/0.png", path));
+    support_ok(m.job.context, ern_prepare_register_output(&m.job, "parsing/0.png", path));
     support_ok(m.job.context, ern_prepare_note_made(&m.job)); /* it was stopped */
-    support_ok(m.job.context, ern_prepare_claim(&m.job, "parsing/2.png", path));
+    support_ok(m.job.context, ern_prepare_register_output(&m.job, "parsing/2.png", path));
   }
   assert_int_equal(system("rm clip/parsing/*"), 0);
   support_ok(m.job.context, ern_prepare_note_made(&m.job));
   support_write_text("clip/parsing/2.png", "mine");
-  support_expect(m.job.context, ern_prepare_claim(&m.job, "parsing/0.png", path), ERN_E_EXISTS, "parsing/2.png", NULL);
+  support_expect(m.job.context, ern_prepare_register_output(&m.job, "parsing/0.png", path), ERN_E_EXISTS,
+                 "parsing/2.png", NULL);
   made_job_close(&m);
 }
 

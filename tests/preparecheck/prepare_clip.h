@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * What preparecheck reads of a clip's folder. */
+ * The data that preparecheck reads from a clip's folder. */
 #ifndef ERN_TESTS_PREPARE_CLIP_H
 #define ERN_TESTS_PREPARE_CLIP_H
 
@@ -12,12 +12,12 @@ struct prepared_clip {
   size_t count;
   double focal; /* pixels of the clip */
   int width, height;
-  struct crop crop; /* prepare.json's; the whole where there is none */
-  float *closed;    /* [frames]: AU45_r of au.csv, else blink of curves.csv; row i is of frame i. NULL: neither */
+  struct crop crop; /* from prepare.json; without it the whole picture */
+  float *closed;    /* [frames]: AU45_r of au.csv, else blink of curves.csv; row i: frame i. NULL: neither file */
   size_t frames;
 };
 
-/* Both files of poses together. On success the caller owns the clip (prepared_clip_free). */
+/* Reads the poses of both transforms files. On success the caller owns the clip (prepared_clip_free). */
 ERN_NODISCARD ern_status prepared_clip_read(ern_context *context, const char *folder, struct prepared_clip *clip);
 void prepared_clip_free(ern_context *context, struct prepared_clip *clip);
 

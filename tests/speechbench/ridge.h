@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * Ridge regression: min |A w - b|^2 + lambda n |w|^2, of inputs brought to mean 0 and deviation 1. */
+ * Ridge regression: min |A w - b|^2 + lambda n |w|^2, with inputs normalised to mean 0 and standard deviation 1. */
 #ifndef ERN_TESTS_RIDGE_H
 #define ERN_TESTS_RIDGE_H
 
@@ -10,7 +10,7 @@ extern "C" {
 #endif
 
 struct ridge;
-/* x [n][inputs], y [n]; NULL where it has no solution. */
+/* x [n][inputs], y [n]; NULL: no solution. */
 struct ridge *ridge_fit(const float *x, const double *y, size_t n, size_t inputs, double lambda);
 double ridge_value(const struct ridge *ridge, const float *x);
 void ridge_free(struct ridge *ridge);

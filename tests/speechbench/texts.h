@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * What the voices say. */
+ * The texts that the voices speak. */
 #ifndef ERN_TESTS_TEXTS_H
 #define ERN_TESTS_TEXTS_H
 
@@ -30,7 +30,7 @@ struct spoken_text {
   const char *name, *text, *voice;
   int words_per_minute;
 };
-/* The first is learnt from. */
+/* The first one is the training text. */
 static const struct spoken_text spoken_texts[] = {
     {"same voice", english, "en-us", 165}, {"British", english, "en", 165},
     {"f3", english, "en-us+f3", 165},      {"Scottish m3", english, "en-gb-scotland+m3", 165},

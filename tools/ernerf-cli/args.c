@@ -113,7 +113,7 @@ const char *args_nearest(const char *name, const char *const *names, size_t coun
   return best;
 }
 
-/* The name nearest to `name` of all that the options have, with its dashes, in `text`; "" where none is near. */
+/* Puts the option name nearest to `name`, with its dashes, into `text`; "": none is near. */
 static void nearest_option(const struct args *args, const char *name, char text[NAME_BYTES + 2]) {
   enum { NAMES = 256 };
   char copies[NAMES][NAME_BYTES];
@@ -151,7 +151,7 @@ static int refuse_value(const struct args *args, const struct option *option, co
   return args_refuse(args, "%s%s is \"%s\", expected %s", option_dashes(option->name), option->name, found, expected);
 }
 
-/* What a number may be, in words. */
+/* The allowed range of a number, as text. */
 static const char *limits(const struct option *option, const char *what, char text[TEXT_BYTES]) {
   if ((option->kind == OPTION_COUNT || option->kind == OPTION_FRAME) && option->high == 0)
     snprintf(text, TEXT_BYTES, "%s, %.0f or more", what, option->low);
@@ -329,7 +329,7 @@ static int take_value(const struct args *args, struct option *option, const char
 
 /* ---- the line ---------------------------------------------------------------------------------------------------- */
 
-/* Takes the option in argv[0] and as many words as it needs; *used says how many. `value` is what stood behind '='. */
+/* Takes the option in argv[0] and its values; *used: number of arguments taken. `value`: the text after '='. */
 static int take_option(const struct args *args, struct option *option, const char *value, int argc, char **argv,
                        int *used) {
   const bool again = option->given;
@@ -369,8 +369,8 @@ static int take_option(const struct args *args, struct option *option, const cha
   return take_value(args, option, value);
 }
 
-/* The option of the word "--NAME", "--NAME=VALUE", "-N", "-N=VALUE" or "-NVALUE", and the letters of its name; *value
- * stays NULL where the word has none. NULL: there is none of that name. */
+/* The option of the argument "--NAME", "--NAME=VALUE", "-N", "-N=VALUE" or "-NVALUE"; *length: letters of its name;
+ * *value stays NULL if the argument has none. Returns NULL for an unknown name. */
 static struct option *split_option(const struct args *args, const char *word, size_t *length, const char **value) {
   const size_t dashes = word[1] == '-' ? 2 : 1;
   *length = strcspn(word + dashes, "=");

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
- * The words of a command line, read by tables: a row an option, a table a group. Dashes and underscores are the same in
- * names; `--name value` and `--name=value` both do, and of one letter `-n value` and `-nvalue`. */
+ * Command-line parser driven by option tables: one row for each option, one table for each group. Dashes and
+ * underscores are equivalent in names. `--name value` and `--name=value` are accepted, and for a single letter `-n
+ * value` and `-nvalue`. */
 #ifndef ERN_CLI_ARGS_H
 #define ERN_CLI_ARGS_H
 
@@ -8,25 +9,26 @@
 #include "option_table.h"
 #include "session/rate.h"
 
-enum { EXIT_USAGE = 2 }; /* wrong words; 1 (EXIT_FAILURE) is for work that failed */
+enum { EXIT_USAGE = 2 }; /* wrong usage; EXIT_FAILURE (1) means that the work failed */
 
-/* Reads argv[0 .. argc - 1], the words after the verb. Returns -1 to go on, else the exit status: EXIT_SUCCESS after
- * --help, EXIT_USAGE after a sentence on stderr. */
+/* Parses argv[0 .. argc - 1], the arguments after the verb. Returns -1 to continue, else the exit status: EXIT_SUCCESS
+ * after --help, EXIT_USAGE after a message on stderr. */
 int args_parse(struct args *args, int argc, char **argv);
 
-/* Whether the option was on the command line. `name` must be one of the tables. */
+/* Whether the option was on the command line. `name` must be in one of the tables. */
 bool args_given(const struct args *args, const char *name);
 
-/* Says "ernerf VERB: ..." and where the help is, on stderr. Returns EXIT_USAGE. */
+/* Prints "ernerf VERB: ..." and how to get help on stderr. Returns EXIT_USAGE. */
 int args_refuse(const struct args *args, const char *format, ...) ERN_PRINTF(2, 3);
 
-/* Leaves `names` (split at spaces) of a shared table out of the help. */
+/* Hides the options `names` (separated by spaces) of a shared table from the help. */
 void args_unlist(struct args *args, const char *names);
 
-/* EXIT_USAGE with a sentence when one of `names` (split at spaces) was given, for the reason `why`; else -1. */
+/* If one of `names` (separated by spaces) was given, EXIT_USAGE after a message with the reason `why`; else -1. */
 int args_forbid(const struct args *args, const char *names, const char *why);
 
-/* Of `count` names the one nearest to `name` by edits; NULL where more than a third of its letters would change. */
+/* The one of `count` names with the least edit distance to `name`; NULL if more than a third of its letters would
+ * change. */
 const char *args_nearest(const char *name, const char *const *names, size_t count);
 
 #endif

@@ -45,7 +45,7 @@ int queue_item(struct bounded_queue *queue) {
   return place;
 }
 
-/* Changes the queue and wakes whoever waits for it; by name of the member, as `+= 1` or `= true`. */
+/* Changes a member of the queue, such as `filled += 1` or `ended = true`, and wakes the waiting threads. */
 #define BELT_CHANGE(queue, change)      \
   pthread_mutex_lock(&(queue)->mutex);  \
   (queue)->change;                      \

@@ -12,7 +12,7 @@ void bytes_free(struct bytes *bytes) {
   *bytes = (struct bytes){0};
 }
 
-/* Room for `more` and a 0. */
+/* Makes room for `more` bytes and a 0. */
 static bool grow(struct bytes *bytes, size_t more) {
   if (bytes->failed) return false;
   if (more < bytes->capacity - bytes->count) return true;

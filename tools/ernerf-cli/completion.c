@@ -88,7 +88,7 @@ void completion_end_bash(void) {
 
 /* ---- zsh --------------------------------------------------------------------------------------------------------- */
 
-/* Within single quotes of the shell, and as a part of what _arguments or _describe takes. */
+/* Prints text escaped for single quotes of the shell, inside a specification of _arguments or _describe. */
 static void print_zsh(const char *text) {
   for (; *text != 0; text++) {
     if (*text == '\'') fputs("'\\'", stdout);

@@ -12,7 +12,7 @@ enum { TEXT_BYTES = 256 };
 
 enum { HELP_COLUMN = 34, HELP_WIDTH = 100 };
 
-/* Words from column HELP_COLUMN on, broken at HELP_WIDTH; `column` is where the pen is. */
+/* Prints text from column HELP_COLUMN on, wrapped at HELP_WIDTH; `column`: the current column. */
 static void print_wrapped(int column, const char *text) {
   if (column >= HELP_COLUMN) {
     printf("\n");

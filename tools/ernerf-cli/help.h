@@ -1,12 +1,13 @@
 /* SPDX-License-Identifier: MIT
- * What a verb takes, in words: its help, and the same tables as a page of the manual and for the completion of shells.
+ * The help of a verb, printed from its option tables: as plain text, as a manual page, or as a shell completion script.
  */
 #ifndef ERN_CLI_HELP_H
 #define ERN_CLI_HELP_H
 
 #include "option_table.h"
 
-/* Prints what `word` asks for: --help, -h; --help=man, --help=bash, --help=zsh. False: it asks for none of these. */
+/* Prints the form that `word` requests: --help, -h; --help=man, --help=bash, --help=zsh. False: `word` is none of
+ * these. */
 bool help_asked(const struct args *args, const char *word);
 
 #endif

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * ernerf: trains, renders and evaluates talking portraits. Finds the verb and hands over to it. */
+ * ernerf: trains, renders and evaluates talking portraits. Finds the verb and calls it. */
 #include <errno.h>
 #include <fcntl.h>
 #include <stdio.h>
@@ -67,7 +67,7 @@ static int run_verb(const char *name, int argc, char **argv) {
   return refuse_verb(name);
 }
 
-/* `ernerf help --man [VERB]`, --bash, --zsh: what is installed beside the program. */
+/* `ernerf help --man [VERB]`, --bash, --zsh: prints the manual pages and completion scripts to be installed. */
 static int print_installed(const char *form, const char *verb) {
   char bash[] = "--help=bash", zsh[] = "--help=zsh", man[] = "--help=man", *ask[] = {man};
   int status = EXIT_SUCCESS;
@@ -113,8 +113,8 @@ static int run(int argc, char **argv) {
   return run_verb(first, argc - 2, argv + 2);
 }
 
-/* A standard stream that is closed stays so to whoever uses it, but no file of ours gets its number: what is said would
- * be written into that. False: nothing could take its place. */
+/* If a standard stream is closed, occupies its descriptor, so that no file of the program gets it and receives
+ * messages. Reads and writes on it still fail. False: the descriptor cannot be occupied. */
 static bool streams_are_taken(void) {
   for (int stream = STDIN_FILENO; stream <= STDERR_FILENO; stream++) {
     if (fcntl(stream, F_GETFD) != -1 || errno != EBADF) continue;
@@ -125,7 +125,7 @@ static bool streams_are_taken(void) {
 
 int main(int argc, char **argv) {
   char expected[32];
-  if (!streams_are_taken()) return EXIT_FAILURE; /* and nothing to say it on */
+  if (!streams_are_taken()) return EXIT_FAILURE; /* without a stream for a message */
   snprintf(expected, sizeof expected, "%d.%d.%d", ERN_VERSION_MAJOR, ERN_VERSION_MINOR, ERN_VERSION_PATCH);
   if (strcmp(ern_version(), expected) != 0) {
     fprintf(stderr, "ernerf: the library's version is %s, expected %s\n", ern_version(), expected);

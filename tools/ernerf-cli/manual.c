@@ -8,11 +8,11 @@
 #include "ernerf/base.h"
 #include "option_words.h"
 
-/* Text as troff takes it: of one line, a line's end is a blank. */
+/* Prints text escaped for troff, on one line: newlines become spaces. */
 static void print_text(const char *text, size_t bytes) {
   for (size_t i = 0; i < bytes; i++) {
     const bool begins = i == 0 || text[i - 1] == '\n';
-    if (begins && (text[i] == '.' || text[i] == '\'')) fputs("\\&", stdout); /* else a macro */
+    if (begins && (text[i] == '.' || text[i] == '\'')) fputs("\\&", stdout); /* else troff reads a macro */
     if (text[i] == '\\')
       fputs("\\e", stdout);
     else if (text[i] == '-')
@@ -24,7 +24,7 @@ static void print_text(const char *text, size_t bytes) {
 
 static void print_all(const char *text) { print_text(text, strlen(text)); }
 
-/* Paragraphs with an empty line between them. */
+/* Prints paragraphs, which empty lines separate. */
 static void print_paragraphs(const char *text) {
   for (const char *at = text; *at != 0;) {
     const char *end = strstr(at, "\n\n");

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * Pages of the manual, section 1, in the macros of man(7): of a verb, and of the program. */
+ * Manual pages (section 1, macros of man(7)) for a verb and for the program. */
 #ifndef ERN_CLI_MANUAL_H
 #define ERN_CLI_MANUAL_H
 
@@ -8,7 +8,7 @@
 
 void manual_print(const struct args *args);
 
-/* `end`: what stands after the verbs, paragraphs. */
+/* `end`: paragraphs that follow the list of verbs. */
 void manual_print_program(const char *summary, const struct verb *verbs, size_t count, const char *end);
 
 #endif

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * What a verb takes, in tables: a row an option, a table a group. */
+ * Tables of a verb's options: one row for each option, one table for each group. */
 #ifndef ERN_CLI_OPTION_TABLE_H
 #define ERN_CLI_OPTION_TABLE_H
 
@@ -9,7 +9,7 @@
 #include <stdint.h>
 #include <string.h>
 
-/* Half-open, counted from 0. open_end: to the last, `end` is then unused. */
+/* Half-open, counted from 0. open_end: up to the last one; `end` is unused. */
 struct range {
   uint64_t begin, end;
   bool open_end;
@@ -33,7 +33,7 @@ enum option_kind {
   OPTION_FLOAT,      /* float in [low, high] */
   OPTION_TEXT,       /* const char *, not empty */
   OPTION_BYTES,      /* uint64_t >= 1 with K, M, G for powers of 1024 */
-  OPTION_SECONDS,    /* double: seconds in [low, high], as 90, 90s, 10m or 1.5h */
+  OPTION_SECONDS,    /* double: seconds in [low, high], written 90, 90s, 10m or 1.5h */
   OPTION_CHOICE,     /* int: index of the word in `choices`, split at '|' */
   OPTION_RANGE,      /* struct range: A:B, either may be left out */
   OPTION_RANGE_PAIR, /* struct range: A:B, or the two words A B; B -1: to the last */
@@ -45,17 +45,17 @@ enum option_kind {
 };
 
 struct option {
-  const char *name, *alias; /* without dashes; alias NULL or other names split at spaces */
+  const char *name, *alias; /* without dashes; alias: other names, separated by spaces, or NULL */
   enum option_kind kind;
   void *target;
   double low, high;
-  const char *choices; /* of OPTION_CHOICE; of others what the help calls the value, NULL: by kind */
+  const char *choices; /* of OPTION_CHOICE; other kinds: the value's name in the help, NULL: a name by kind */
   const char *help;
   bool given;    /* set by the parser */
-  bool unlisted; /* not in the help: the verb refuses it, and says why */
+  bool unlisted; /* absent from the help: the verb rejects it with a reason */
 };
 
-/* options[count] = rows. A table of more or fewer rows does not compile. */
+/* options[count] = rows. Does not compile if the number of rows is not `count`. */
 #define ARGS_FILL(options, rows, count)                                                              \
   do {                                                                                               \
     static_assert(sizeof(rows) / sizeof *(rows) == (count), "the table has another number of rows"); \
@@ -63,7 +63,7 @@ struct option {
   } while (0)
 
 struct word {
-  const char *name; /* as the help says it: "CLIP" */
+  const char *name; /* as in the help: "CLIP" */
   const char **target;
   const char *help;
 };
@@ -71,13 +71,13 @@ struct word {
 enum { ARGS_GROUPS = 5 };
 
 struct args {
-  const char *verb;    /* for messages; of `ernerf VERB` */
-  const char *summary; /* what the verb does, in a line */
-  const char *usage;   /* how it is called, lines without "ernerf " */
+  const char *verb;    /* of `ernerf VERB`, for messages */
+  const char *summary; /* what the verb does, in one line */
+  const char *usage;   /* the usage lines, without "ernerf " */
   const char *notes;   /* paragraphs after the options; NULL: none */
-  bool public_names;   /* answer options of the public programs that the verb does not have (public_options.h) */
+  bool public_names;   /* explain options of the public programs that the verb does not have (public_options.h) */
   struct word *words;
-  size_t word_count, optional_words; /* the last so many may be missing */
+  size_t word_count, optional_words; /* optional_words: how many of the last ones may be missing */
   struct {
     const char *title;
     struct option *options;

@@ -8,7 +8,7 @@
 
 enum {
   TEXT_BYTES = 256,
-  MUCH = 1000000 /* a bound from here on is there to catch slips, not to be known */
+  MUCH = 1000000 /* bounds from here on only catch typing errors and are not shown */
 };
 
 const char *option_dashes(const char *name) { return strlen(name) == 1 ? "-" : "--"; }
@@ -33,8 +33,8 @@ const char *option_value(const struct option *option) {
   }
 }
 
-/* What a number is without the option, where the help does not tell it already. A 0 that the option itself refuses
- * means that nothing is set. */
+/* The default of a number, unless the help text contains it. A default of 0 that the option would refuse means "not
+ * set". */
 static const char *preset_of(const struct option *option, char text[TEXT_BYTES]) {
   text[0] = 0;
   if (strstr(option->help, "default") != NULL) return text;
@@ -45,7 +45,7 @@ static const char *preset_of(const struct option *option, char text[TEXT_BYTES])
   return text;
 }
 
-/* The range of its numbers, where the help does not tell it already. */
+/* The range of a number, unless the help text contains it. */
 static const char *range_of(const struct option *option, char text[TEXT_BYTES]) {
   text[0] = 0;
   switch (option->kind) {
@@ -67,7 +67,7 @@ static const char *range_of(const struct option *option, char text[TEXT_BYTES]) 
   return text;
 }
 
-/* Range and default stand in one pair of parentheses at the end. */
+/* Range and default are printed in one pair of parentheses at the end. */
 const char *option_text(const struct option *option, char text[HELP_BYTES]) {
   char preset[TEXT_BYTES], range[TEXT_BYTES];
   snprintf(text, HELP_BYTES, "%s%s", option->help, preset_of(option, preset));

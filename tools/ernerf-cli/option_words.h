@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * What help, manual and completion call an option and its value. */
+ * How help, manual pages and shell completion print an option and its value. */
 #ifndef ERN_CLI_OPTION_WORDS_H
 #define ERN_CLI_OPTION_WORDS_H
 
@@ -7,13 +7,13 @@
 
 enum { HELP_BYTES = 1280 };
 
-/* What stands before a name: one dash before a single letter. */
+/* The dashes before a name: one for a single letter, else two. */
 const char *option_dashes(const char *name);
 
-/* What stands for the value of an option; NULL: it has none. */
+/* The placeholder for the option's value; NULL: the option takes no value. */
 const char *option_value(const struct option *option);
 
-/* What the option does, its default and its range. */
+/* The help text of the option, with its default and its range. */
 const char *option_text(const struct option *option, char text[HELP_BYTES]);
 
 #endif

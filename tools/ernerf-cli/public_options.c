@@ -73,7 +73,7 @@ static const struct {
     {"m", SPEECH},
     {"r", SPEECH},
     {"fps", "is an option of `ernerf render`: the rate of its video; speech features have 50 vectors a second"},
-    /* of other verbs: lines of the public program are for both */
+    /* options of other verbs: the public program has one option list for both */
     {"torso", TRAINING "; a model that has a torso draws it"},
     {"head_ckpt", TRAINING "; a model with a torso has its head in it"},
     {"iters", TRAINING},

@@ -5,8 +5,8 @@
 
 #include <stddef.h>
 
-/* A sentence for the option of these `length` letters, without dashes; NULL: it is none of theirs. Dashes and
- * underscores within it are the same. */
+/* A sentence for the option with the name name[length], without leading dashes; NULL: those programs have no such
+ * option. Dashes and underscores within the name are equivalent. */
 const char *public_option(const char *name, size_t length);
 
 #endif

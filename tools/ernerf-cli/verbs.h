@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * The verbs of the program. Each takes the words after its own name and returns an exit status. */
+ * The verbs of the program. Each takes the command-line arguments after its name and returns an exit status. */
 #ifndef ERN_CLI_VERBS_H
 #define ERN_CLI_VERBS_H
 

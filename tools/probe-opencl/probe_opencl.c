@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: MIT
- * Tries OpenCL devices for libernerf, in a process of its own: some drivers end the process that they are loaded into.
+ * Tests OpenCL devices for libernerf in a separate process, because some drivers crash the process that loads them.
  *
  *   ernerf-probe-opencl FIRST LAST
  *
- * lists all devices, then builds and runs a kernel on those of the numbers FIRST to LAST. Before each thing that may
- * end the process stands a line on standard output: "platforms", "platform NAME", "device NUMBER NAME"; at the end
- * "end". An error that a driver returns is none here: the library meets it too, and can say what it was. */
+ * lists all devices, then builds and runs a kernel on those with the numbers FIRST to LAST. Before each action that may
+ * crash the process it prints a line on standard output: "platforms", "platform NAME", "device NUMBER NAME"; at the end
+ * "end". It ignores errors that a driver returns: the library gets the same errors and can report them. */
 #define _GNU_SOURCE
 #define CL_TARGET_OPENCL_VERSION 120
 #include <CL/cl.h>
@@ -24,7 +24,7 @@ static const char kernel_source[] =
     "kernel void add(global float *x) { const ulong mark = 0x%016llx; x[get_global_id(0)] += mark != 0 ? 1.0f : 2.0f; "
     "}";
 
-/* One write a line: what was written stands, whatever ends the process next. */
+/* Writes each line with one write(), so that it is complete even if the process crashes next. */
 static void say(const char *format, int number, const char *name) {
   char line[NAME_BYTES + 64];
   snprintf(line, sizeof line - 1, format, number, name);
@@ -54,8 +54,8 @@ static unsigned long long mix(unsigned long long hash, const void *bytes, size_t
   return hash;
 }
 
-/* Drivers keep what they compiled, and PoCL, which starts the linker `ld` of PATH to compile, then does not notice that
- * it is gone. So the source differs with the linker, beyond a comment. */
+/* Drivers cache compiled kernels. PoCL runs the linker `ld` of PATH to compile, and with a cached kernel does not
+ * notice that `ld` is missing. So the source depends on the linker, not only in a comment. */
 static void write_source(char source[NAME_BYTES]) {
   const char *at = getenv("PATH");
   unsigned long long hash = 0xcbf29ce484222325ull;
@@ -100,10 +100,10 @@ int main(int argc, char **argv) {
     fputs("usage: ernerf-probe-opencl FIRST LAST; libernerf starts it\n", stderr);
     return 2;
   }
-  prctl(PR_SET_PDEATHSIG, SIGKILL); /* the library waits no longer */
+  prctl(PR_SET_PDEATHSIG, SIGKILL); /* end with the library's process */
   say("platforms%.0d%s", 0, "");
   if (clGetPlatformIDs(MAX_PLATFORMS, platform, &platforms) != CL_SUCCESS) platforms = 0;
-  for (cl_uint p = 0; p < platforms && p < MAX_PLATFORMS; p++) { /* in the order in which the library counts */
+  for (cl_uint p = 0; p < platforms && p < MAX_PLATFORMS; p++) { /* in the order of the library's numbers */
     cl_device_id found[MAX_DEVICES];
     cl_uint devices = 0;
     name[0] = name[sizeof name - 1] = 0;
@@ -123,5 +123,5 @@ int main(int argc, char **argv) {
     try_device(owner[i], device[i]);
   }
   say("end%.0d%s", 0, "");
-  _exit(0); /* without what drivers do at the end of a process */
+  _exit(0); /* skips the exit handlers of drivers */
 }

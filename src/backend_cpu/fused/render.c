@@ -94,9 +94,9 @@ static ern_status make_order(struct ern_stream *stream, const struct ern_render_
   const size_t blocks = ern_tile_count(a->view.width) * ern_tile_count(a->view.height);
   ern_span nearest, first, block, ray, distance;
   ern_status status = ERN_OK;
-  ERN_TRY(ern_take(stream, ERN_ELEMENT_REAL, blocks, &nearest));
-  ERN_TRY(ern_take(stream, ERN_ELEMENT_INT32, a->n, &ray));
-  ERN_TRY(ern_take(stream, ERN_ELEMENT_REAL, a->n, &distance));
+  ERN_TRY(ern_scratch_take(stream, ERN_ELEMENT_REAL, blocks, &nearest));
+  ERN_TRY(ern_scratch_take(stream, ERN_ELEMENT_INT32, a->n, &ray));
+  ERN_TRY(ern_scratch_take(stream, ERN_ELEMENT_REAL, a->n, &distance));
   order->ray = (int32_t *)ray.buffer->memory + ray.at;
   order->not_before = floats(distance);
   ern_tile_culling(floats(nearest), bits, &a->view, a->settings.bound);
@@ -104,8 +104,8 @@ static ern_status make_order(struct ern_stream *stream, const struct ern_render_
     order_picture(order, &a->view, floats(nearest));
     return ERN_OK;
   }
-  ERN_TRY(ern_take(stream, ERN_ELEMENT_INT32, blocks + 1, &first));
-  ERN_TRY(ern_take(stream, ERN_ELEMENT_INT32, a->n, &block));
+  ERN_TRY(ern_scratch_take(stream, ERN_ELEMENT_INT32, blocks + 1, &first));
+  ERN_TRY(ern_scratch_take(stream, ERN_ELEMENT_INT32, a->n, &block));
   sort_rays(order, a, floats(nearest), (int32_t *)block.buffer->memory + block.at,
             (int32_t *)first.buffer->memory + first.at, blocks);
 fail:
@@ -193,10 +193,10 @@ static ern_status render_rays(struct ern_stream *stream, struct ern_render_rays_
   job.work.not_before = order.not_before;
   job.work.count = order.count;
   job.scratch_bytes = ern_render_worker_scratch(&job.work);
-  ERN_TRY(ern_take(stream, ERN_ELEMENT_BYTE, job.scratch_bytes * threads, &scratch));
+  ERN_TRY(ern_scratch_take(stream, ERN_ELEMENT_BYTE, job.scratch_bytes * threads, &scratch));
   job.scratch = (char *)scratch.buffer->memory + scratch.at;
   if (a->profile != NULL) {
-    ERN_TRY(ern_take(stream, ERN_ELEMENT_BYTE, threads * sizeof *job.profile, &profiles));
+    ERN_TRY(ern_scratch_take(stream, ERN_ELEMENT_BYTE, threads * sizeof *job.profile, &profiles));
     job.profile = (struct ern_profile *)(void *)((char *)profiles.buffer->memory + profiles.at);
     for (size_t k = 0; k < threads; k++) job.profile[k] = (struct ern_profile){.timed = a->profile->timed};
     if (a->profile->timed) a->profile->seconds[ERN_PROFILE_MARCH] += ern_profile_now() - began;

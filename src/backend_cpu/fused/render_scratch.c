@@ -35,10 +35,10 @@ static size_t lay_out(struct render_scratch *s, char *memory, const struct ern_r
   for (int k = 0; k < 2; k++) s->hidden[k] = carve(memory, &used, widest * tile);
   if (net->pairs)
     s->input = carve(memory, &used, (ern_pairs(net->features) + ern_pairs(net->attention) + ern_pairs(1)) * tile);
-  s->next_share = carve(memory, &used, net->colour * tile);
+  s->next_term = carve(memory, &used, net->colour * tile);
   for (int k = 0; k < ERN_FLIGHTS; k++) {
     s->flight[k].distance = carve(memory, &used, steps * tile);
-    s->flight[k].ray_share = carve(memory, &used, net->colour * tile);
+    s->flight[k].ray_term = carve(memory, &used, net->colour * tile);
     s->flight[k].features = carve(memory, &used, (net->features + net->attention + 1) * tile);
   }
   s->distance = carve(memory, &used, batch * steps * sizeof(float));

@@ -14,10 +14,10 @@ struct flight {
   float d[3][ERN_MLP_TILE], transmittance[ERN_MLP_TILE], colour[3][ERN_MLP_TILE];
   float opacity[ERN_MLP_TILE], depth[ERN_MLP_TILE], attention[ERN_MLP_TILE], eye[ERN_MLP_TILE];
   float x[3][ERN_MLP_TILE], dt[ERN_MLP_TILE], end[ERN_MLP_TILE];
-  float *distance;  /* [tile][max_steps] */
-  float *ray_share; /* [colour][tile]: the contribution of direction and individual code to the colour's first layer */
-  float *features;  /* [features, attention, eye 1][tile]: the density's input, unless that is in pairs of bf16 */
-  size_t flying;    /* slots that are not empty */
+  float *distance; /* [tile][max_steps] */
+  float *ray_term; /* [colour][tile]: the contribution of direction and individual code to the colour's first layer */
+  float *features; /* [features, attention, eye 1][tile]: the density's input, unless that is in pairs of bf16 */
+  size_t flying;   /* slots that are not empty */
 };
 
 /* Tiles whose samples are encoded together, level by level: the entries of a level are then still in the cache from the
@@ -33,12 +33,12 @@ struct render_scratch {
   bool ended;              /* no ray is left to be taken */
   size_t batch;            /* most rays that are marched together */
   size_t hits, taken;      /* of the batch: rays with samples, and how many of them have been given a slot */
-  size_t shared;           /* hits whose ray_share has been computed */
-  float *input;      /* pairs of bf16 (gemm_tile_bf16.h) of features, attention, eye: the density's input; else NULL */
-  float *hidden[2];  /* [widest][tile] */
-  float *next_share; /* [colour][tile]: of hits shared-tile .. shared */
-  float *distance;   /* [batch][max_steps] */
-  float *direction;  /* [3][batch] */
+  size_t shared;           /* hits whose ray_term has been computed */
+  float *input;     /* pairs of bf16 (gemm_tile_bf16.h) of features, attention, eye: the density's input; else NULL */
+  float *hidden[2]; /* [widest][tile] */
+  float *next_term; /* [colour][tile]: of hits shared-tile .. shared */
+  float *distance;  /* [batch][max_steps] */
+  float *direction; /* [3][batch] */
   int32_t *number, *count; /* [batch]: pixel, samples */
   int32_t *hit, *ray;      /* [hits]: index in the batch, number of the ray */
 };

@@ -23,9 +23,9 @@ static ern_status rays_take(struct ern_stream *stream, size_t n, struct rays *ra
                               &rays->dopacity, &rays->dattention, &rays->deye,      &rays->dunc};
   ern_status status = ERN_OK;
   for (size_t i = 0; i < sizeof colours / sizeof *colours && status == ERN_OK; i++)
-    status = ern_take_rows(stream, 3, n, colours[i]);
+    status = ern_scratch_take_rows(stream, 3, n, colours[i]);
   for (size_t i = 0; i < sizeof values / sizeof *values && status == ERN_OK; i++)
-    status = ern_take_rows(stream, 1, n, values[i]);
+    status = ern_scratch_take_rows(stream, 1, n, values[i]);
   return status;
 }
 
@@ -241,11 +241,11 @@ static ern_status add_pose(const struct ern_head_step_args *a, const struct ern_
   const struct ern_arena_mark mark = ern_arena_mark(s->stream);
   struct pose pose = {.step = s, .args = a};
   ern_status status = ERN_OK;
-  ERN_TRY(ern_take_rows(s->stream, 3, s->count, &pose.dx));
-  if (a->dpose_weight.buffer != NULL) ERN_TRY(ern_take_rows(s->stream, 1, s->count, &pose.weight));
+  ERN_TRY(ern_scratch_take_rows(s->stream, 3, s->count, &pose.dx));
+  if (a->dpose_weight.buffer != NULL) ERN_TRY(ern_scratch_take_rows(s->stream, 1, s->count, &pose.weight));
   if (s->dsh != NULL) {
-    ERN_TRY(ern_take_rows(s->stream, 3, s->count, &pose.d));
-    ERN_TRY(ern_take_rows(s->stream, 3, s->count, &pose.dd));
+    ERN_TRY(ern_scratch_take_rows(s->stream, 3, s->count, &pose.d));
+    ERN_TRY(ern_scratch_take_rows(s->stream, 3, s->count, &pose.dd));
   }
   ern_pool_run(pool_of(s->stream), ERN_SHARDS, pose_task, &pose);
   for (size_t i = 0; i < ERN_POSE_SLOPES; i++) {
@@ -304,7 +304,7 @@ static ern_status backward(const struct ern_head_step_args *a, struct ern_train_
   ern_span dsh;
   ern_status status = take_slopes(s, s->live_stride);
   if (status == ERN_OK && a->dpose != NULL && s->net.harmonics > 0) {
-    status = ern_take(s->stream, ERN_ELEMENT_REAL, ERN_SH_ROWS * s->live_stride, &dsh);
+    status = ern_scratch_take(s->stream, ERN_ELEMENT_REAL, ERN_SH_ROWS * s->live_stride, &dsh);
     if (status == ERN_OK) s->dsh = reals(dsh);
   }
   if (status != ERN_OK) return status;
@@ -373,7 +373,7 @@ static ern_status smoothness(struct ern_head_step_args *a, struct ern_train_step
   struct smoothness smooth = {.step = s, .factor = (float)(2 * (double)weight / (double)n)};
   ern_status status = ERN_OK;
   add_tables(tables);
-  ERN_TRY(ern_take_rows(s->stream, 3, n, &smooth.x));
+  ERN_TRY(ern_scratch_take_rows(s->stream, 3, n, &smooth.x));
   ERN_TRY(move_points(a, s, smooth.x));
   ERN_TRY(take_slopes(s, s->stride));
   ern_pool_run(pool_of(s->stream), ERN_SHARDS, smooth_task, &smooth);
@@ -437,8 +437,8 @@ static ern_status head_step(struct ern_stream *stream, struct ern_head_step_args
   ERN_TRY(ern_march_rays(stream, a->pixel_number, a->view, a->jitter, a->bits, a->settings, a->n, &s.marched));
   ERN_TRY(ern_march_view(stream, a->field, a->n, &s.marched));
   when[1] = ern_profile_now();
-  ERN_TRY(ern_take(stream, ERN_ELEMENT_REAL, ERN_AUDIO_CODE, &code));
-  ERN_TRY(ern_take(stream, ERN_ELEMENT_REAL, ERN_AUDIO_CODE, &dcode));
+  ERN_TRY(ern_scratch_take(stream, ERN_ELEMENT_REAL, ERN_AUDIO_CODE, &code));
+  ERN_TRY(ern_scratch_take(stream, ERN_ELEMENT_REAL, ERN_AUDIO_CODE, &dcode));
   struct ern_audio_fwd_args audio = {code, a->windows, a->parameters, a->field->audio};
   ERN_TRY(stream->backend->audio_fwd(stream, &audio));
   ERN_TRY(stream->backend->zero(stream, dcode));

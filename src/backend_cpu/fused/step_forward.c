@@ -118,7 +118,8 @@ static size_t collect(const struct ern_train_step *s, struct ern_train_worker *w
 /* Updates the transmittance by the samples of the batch; rays with transmittance and samples left are queued again.
  * Returns the number of live samples. The margin makes sure that compositing, which recomputes the sum, needs no sample
  * that was left out. */
-static size_t shine(const struct ern_train_step *s, struct ern_train_worker *worker, struct waiting *w, size_t groups) {
+static size_t update_transmittance(const struct ern_train_step *s, struct ern_train_worker *worker, struct waiting *w,
+                                   size_t groups) {
   const float *dt = reals(s->marched.dt), spent = s->stop * 0.999f;
   size_t at = 0, live = 0;
   for (size_t g = 0; g < groups; g++) {
@@ -160,7 +161,7 @@ static void look_at(const struct ern_train_step *s, struct ern_train_worker *wor
   put(s->norm, worker->norm, worker->sample, count);
   if (s->net.eye) put(s->eye, worker->eye, worker->sample, count);
 
-  const size_t live = shine(s, worker, w, groups);
+  const size_t live = update_transmittance(s, worker, w, groups);
   const struct ern_train_colour_args colour = {.list = {worker->live, live},
                                                .place = worker->place,
                                                .ray = int32s(s->marched.ray),

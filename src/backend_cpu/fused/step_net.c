@@ -66,8 +66,8 @@ bool ern_train_net_plan(struct ern_train_net *net, const struct ern_field *field
 /* ---- weights ----------------------------------------------------------------------------------------------------- */
 
 /* to (r, c) at r*to_row + c = factor * from (c, r) at c*from_row + r, r < rows, c < columns */
-static void turned(float *to, size_t to_row, const float *from, size_t from_row, size_t rows, size_t columns,
-                   float factor) {
+static void transposed(float *to, size_t to_row, const float *from, size_t from_row, size_t rows, size_t columns,
+                       float factor) {
   for (size_t r = 0; r < rows; r++)
     for (size_t c = 0; c < columns; c++) to[r * to_row + c] = factor * from[c * from_row + r];
 }
@@ -101,19 +101,19 @@ static void fill_colour(const struct ern_train_net *net, float *block, const str
                  fold->parameters[field->codes + fold->individual * ERN_CODE_WIDTH + c - net->harmonics - ERN_GEOMETRY];
   }
   memcpy(block + net->colour_back + ERN_NET_COLOUR * ERN_NET_DENSITY, w2, ERN_NET_DENSITY * sizeof *w2);
-  turned(colour + ERN_NET_DENSITY * ERN_NET_COLOUR, ERN_NET_COLOUR, wc, width, net->harmonics, ERN_NET_COLOUR, 1);
+  transposed(colour + ERN_NET_DENSITY * ERN_NET_COLOUR, ERN_NET_COLOUR, wc, width, net->harmonics, ERN_NET_COLOUR, 1);
 }
 
 static void fill_density(const struct ern_train_net *net, float *block, const struct ern_train_fold *fold) {
   const size_t f = net->features, units = ERN_NET_DENSITY;
   const float *w0 = weights_of(fold, &fold->field->density, 0), *w1 = weights_of(fold, &fold->field->density, 1);
   float *density0 = block + net->density0;
-  turned(density0, units, w0, net->ins, f, units, 1);
+  transposed(density0, units, w0, net->ins, f, units, 1);
   for (size_t c = 0; c < ERN_AUDIO_CODE; c++)
-    turned(density0 + (f + c) * units, units, w0 + f + c, net->ins, 1, units, fold->code[c]);
+    transposed(density0 + (f + c) * units, units, w0 + f + c, net->ins, 1, units, fold->code[c]);
   if (net->eye)
-    turned(density0 + (f + ERN_AUDIO_CODE) * units, units, w0 + f + ERN_AUDIO_CODE, net->ins, 1, units, fold->eye);
-  turned(block + net->density1, units, w1, units, units, units, 1);
+    transposed(density0 + (f + ERN_AUDIO_CODE) * units, units, w0 + f + ERN_AUDIO_CODE, net->ins, 1, units, fold->eye);
+  transposed(block + net->density1, units, w1, units, units, units, 1);
   copied(block + net->density1_back, units, w1, units, units, units);
   copied(block + net->features_back, net->slope_row, w0, net->ins, units, f);
   for (size_t j = 0; j < units; j++) {
@@ -129,18 +129,18 @@ void ern_train_net_fill(struct ern_train_net *net, float *block, const struct er
   const float *attention = weights_of(fold, &field->attention, 0), *out = weights_of(fold, &field->attention, 1);
   memset(block, 0, net->count * sizeof *block);
   net->weights = net->factors = block;
-  turned(block + net->of_features, hidden, attention, f, f, ERN_NET_ATTENTION, 1);
+  transposed(block + net->of_features, hidden, attention, f, f, ERN_NET_ATTENTION, 1);
   copied(block + net->hidden_back, net->slope_row, attention, f, ERN_NET_ATTENTION, f);
   if (net->eye) {
     const float *eye = weights_of(fold, &field->eye, 0);
-    turned(block + net->of_features + net->eye_at, hidden, eye, f, f, ERN_NET_EYE, 1);
+    transposed(block + net->of_features + net->eye_at, hidden, eye, f, f, ERN_NET_EYE, 1);
     copied(block + net->hidden_back + net->eye_at * net->slope_row, net->slope_row, eye, f, ERN_NET_EYE, f);
     memcpy(block + net->eye_out, weights_of(fold, &field->eye, 1), ERN_NET_EYE * sizeof *block);
   }
-  turned(block + net->of_features + net->unc_at, hidden, weights_of(fold, &field->uncertainty, 0), f, f,
-         ERN_NET_UNCERTAINTY, 1);
+  transposed(block + net->of_features + net->unc_at, hidden, weights_of(fold, &field->uncertainty, 0), f, f,
+             ERN_NET_UNCERTAINTY, 1);
   memcpy(block + net->unc_out, weights_of(fold, &field->uncertainty, 1), ERN_NET_UNCERTAINTY * sizeof *block);
-  turned(block + net->attention, ERN_AUDIO_CODE, out, ERN_NET_ATTENTION, ERN_NET_ATTENTION, ERN_AUDIO_CODE, 1);
+  transposed(block + net->attention, ERN_AUDIO_CODE, out, ERN_NET_ATTENTION, ERN_NET_ATTENTION, ERN_AUDIO_CODE, 1);
   copied(block + net->attention_back, ERN_NET_ATTENTION, out, ERN_NET_ATTENTION, ERN_AUDIO_CODE, ERN_NET_ATTENTION);
   fill_density(net, block, fold);
   memcpy(block + net->sigma, weights_of(fold, &field->density, 2), ERN_NET_DENSITY * sizeof *block);
@@ -151,8 +151,8 @@ void ern_train_net_fill(struct ern_train_net *net, float *block, const struct er
 /* ---- gradients --------------------------------------------------------------------------------------------------- */
 
 /* to (r, c) at r*to_row + c += factor * from (c, r) at c*from_row + r */
-static void add_turned(float *to, size_t to_row, const float *from, size_t from_row, size_t rows, size_t columns,
-                       float factor) {
+static void add_transposed(float *to, size_t to_row, const float *from, size_t from_row, size_t rows, size_t columns,
+                           float factor) {
   for (size_t r = 0; r < rows; r++)
     for (size_t c = 0; c < columns; c++) to[r * to_row + c] += factor * from[c * from_row + r];
 }
@@ -182,7 +182,7 @@ void ern_train_net_unfold_colour(float *dparameters, const float *gradient, cons
     }
     for (size_t j = 0; j < units; j++) dwc[j * width + net->harmonics + g] += column[j];
   }
-  add_turned(dwc, width, dm + ERN_NET_DENSITY * units, units, units, net->harmonics, 1);
+  add_transposed(dwc, width, dm + ERN_NET_DENSITY * units, units, units, net->harmonics, 1);
   for (size_t c = net->harmonics + ERN_GEOMETRY; c < width; c++) {
     const size_t at = field->codes + fold->individual * ERN_CODE_WIDTH + c - net->harmonics - ERN_GEOMETRY;
     for (size_t j = 0; j < units; j++) {
@@ -198,13 +198,14 @@ static void unfold_density(float *dparameters, float *dcode, const float *gradie
   const size_t f = net->features, units = ERN_NET_DENSITY, ins = net->ins;
   const float *w0 = weights_of(fold, &field->density, 0), *g = gradient + net->density0;
   float *dw0 = dparameters + field->density.weight[0];
-  add_turned(dw0, ins, g, units, units, f, 1);
+  add_transposed(dw0, ins, g, units, units, f, 1);
   for (size_t c = 0; c < ERN_AUDIO_CODE; c++) {
-    add_turned(dw0 + f + c, ins, g + (f + c) * units, units, units, 1, fold->code[c]);
+    add_transposed(dw0 + f + c, ins, g + (f + c) * units, units, units, 1, fold->code[c]);
     for (size_t j = 0; j < units; j++) dcode[c] += w0[j * ins + f + c] * g[(f + c) * units + j];
   }
-  if (net->eye) add_turned(dw0 + f + ERN_AUDIO_CODE, ins, g + (f + ERN_AUDIO_CODE) * units, units, units, 1, fold->eye);
-  add_turned(dparameters + field->density.weight[1], units, gradient + net->density1, units, units, units, 1);
+  if (net->eye)
+    add_transposed(dw0 + f + ERN_AUDIO_CODE, ins, g + (f + ERN_AUDIO_CODE) * units, units, units, 1, fold->eye);
+  add_transposed(dparameters + field->density.weight[1], units, gradient + net->density1, units, units, units, 1);
   add(dparameters + field->density.weight[2], gradient + net->sigma, units);
 }
 
@@ -213,15 +214,15 @@ void ern_train_net_unfold(float *dparameters, float *dcode, const float *gradien
   const struct ern_field *field = fold->field;
   const size_t f = net->features, hidden = net->hidden;
   const float *of_features = gradient + net->of_features;
-  add_turned(dparameters + field->attention.weight[0], f, of_features, hidden, ERN_NET_ATTENTION, f, 1);
-  add_turned(dparameters + field->attention.weight[1], ERN_NET_ATTENTION, gradient + net->attention, ERN_AUDIO_CODE,
-             ERN_AUDIO_CODE, ERN_NET_ATTENTION, 1);
+  add_transposed(dparameters + field->attention.weight[0], f, of_features, hidden, ERN_NET_ATTENTION, f, 1);
+  add_transposed(dparameters + field->attention.weight[1], ERN_NET_ATTENTION, gradient + net->attention, ERN_AUDIO_CODE,
+                 ERN_AUDIO_CODE, ERN_NET_ATTENTION, 1);
   if (net->eye) {
-    add_turned(dparameters + field->eye.weight[0], f, of_features + net->eye_at, hidden, ERN_NET_EYE, f, 1);
+    add_transposed(dparameters + field->eye.weight[0], f, of_features + net->eye_at, hidden, ERN_NET_EYE, f, 1);
     add(dparameters + field->eye.weight[1], gradient + net->eye_out, ERN_NET_EYE);
   }
-  add_turned(dparameters + field->uncertainty.weight[0], f, of_features + net->unc_at, hidden, ERN_NET_UNCERTAINTY, f,
-             1);
+  add_transposed(dparameters + field->uncertainty.weight[0], f, of_features + net->unc_at, hidden, ERN_NET_UNCERTAINTY,
+                 f, 1);
   add(dparameters + field->uncertainty.weight[1], gradient + net->unc_out, ERN_NET_UNCERTAINTY);
   unfold_density(dparameters, dcode, gradient, net, fold);
   add(dparameters + field->colour.weight[1], gradient + net->rgb, 3 * ERN_NET_COLOUR);

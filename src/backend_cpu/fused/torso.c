@@ -65,7 +65,7 @@ static void axis_task(void *user, size_t task, int worker) {
 
 static ern_status take(struct ern_stream *stream, size_t count, float **out) {
   ern_span span;
-  const ern_status status = ern_take(stream, ERN_ELEMENT_REAL, count, &span);
+  const ern_status status = ern_scratch_take(stream, ERN_ELEMENT_REAL, count, &span);
   *out = reals(span);
   return status;
 }
@@ -81,7 +81,7 @@ static ern_status axis_take(struct ern_stream *stream, int count, int first, int
   ERN_TRY(take(stream, axis->padded, &axis->weight));
   ERN_TRY(take(stream, axis->padded * ERN_TORSO_AXIS_ROWS, &axis->encoding));
   ERN_TRY(take(stream, axis->padded * ERN_TORSO_TERMS, &axis->terms));
-  ERN_TRY(ern_take(stream, ERN_ELEMENT_INT32, axis->padded, &cell));
+  ERN_TRY(ern_scratch_take(stream, ERN_ELEMENT_INT32, axis->padded, &cell));
   axis->cell = int32s(cell);
 fail:
   return status;

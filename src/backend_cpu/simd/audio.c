@@ -70,21 +70,22 @@ static struct rows input_of(struct values *v, const struct layer *layer, int l, 
 /* ---- forward ----------------------------------------------------------------------------------------------------- */
 
 /* y [blocks registers] += turned [count][out] times x [count] */
-LANES_INLINE void add_products(float *y, const float *turned, size_t out, const float *x, size_t count, size_t blocks) {
+LANES_INLINE void add_products(float *y, const float *transposed, size_t out, const float *x, size_t count,
+                               size_t blocks) {
   vf sum[4];
   for (size_t b = 0; b < blocks; b++) sum[b] = vf_load(y + b * LANES);
   for (size_t c = 0; c < count; c++) {
     const vf value = vf_all(x[c]);
-    for (size_t b = 0; b < blocks; b++) sum[b] += vf_multiply_rounded(vf_load(turned + c * out + b * LANES), value);
+    for (size_t b = 0; b < blocks; b++) sum[b] += vf_multiply_rounded(vf_load(transposed + c * out + b * LANES), value);
   }
   for (size_t b = 0; b < blocks; b++) vf_store(y + b * LANES, sum[b]);
 }
 
-static void add_all_products(float *y, const float *turned, size_t out, const float *x, size_t count) {
+static void add_all_products(float *y, const float *transposed, size_t out, const float *x, size_t count) {
   size_t o = 0;
-  for (; o + 4 * LANES <= out; o += 4 * LANES) add_products(y + o, turned + o, out, x, count, 4);
-  for (; o + 2 * LANES <= out; o += 2 * LANES) add_products(y + o, turned + o, out, x, count, 2);
-  for (; o < out; o += LANES) add_products(y + o, turned + o, out, x, count, 1);
+  for (; o + 4 * LANES <= out; o += 4 * LANES) add_products(y + o, transposed + o, out, x, count, 4);
+  for (; o + 2 * LANES <= out; o += 2 * LANES) add_products(y + o, transposed + o, out, x, count, 2);
+  for (; o < out; o += LANES) add_products(y + o, transposed + o, out, x, count, 1);
 }
 
 /* The input position that tap k of output position t reads, or -1 for padding. */
@@ -97,7 +98,7 @@ static int reads(const struct layer *l, int t, int k) {
 static void layer_fwd(struct rows y, struct rows x, const float *parameters, const struct layer *l) {
   const float *weight = parameters + l->weight, *bias = parameters + l->bias;
   const size_t out = padded(l->out), in = (size_t)l->in, kernel = (size_t)l->kernel;
-  float turned[CHUNK * MOST];
+  float transposed[CHUNK * MOST];
   for (size_t n = 0; n < WINDOWS; n++) {
     for (size_t t = 0; t < (size_t)l->positions; t++) {
       float *to = y.data + n * y.window + t * y.position;
@@ -109,12 +110,12 @@ static void layer_fwd(struct rows y, struct rows x, const float *parameters, con
       const size_t count = in - begin < CHUNK ? in - begin : CHUNK;
       for (size_t o = 0; o < out; o++)
         for (size_t c = 0; c < count; c++)
-          turned[c * out + o] = o < (size_t)l->out ? weight[(o * in + begin + c) * kernel + k] : 0;
+          transposed[c * out + o] = o < (size_t)l->out ? weight[(o * in + begin + c) * kernel + k] : 0;
       for (size_t n = 0; n < WINDOWS; n++) {
         for (int t = 0; t < l->positions; t++) {
           const int at = reads(l, t, (int)k);
           if (at < 0) continue;
-          add_all_products(y.data + n * y.window + (size_t)t * y.position, turned, out,
+          add_all_products(y.data + n * y.window + (size_t)t * y.position, transposed, out,
                            x.data + n * x.window + (size_t)at * x.position + begin, count);
         }
       }
@@ -157,13 +158,13 @@ void ERN_ISA(ern_audio_fwd)(float *code, const float *windows, const float *para
 /* ---- backward ---------------------------------------------------------------------------------------------------- */
 
 /* Transposes the weights of one output: [kernel][CHUNK], 0 from `count` to the end of a register. */
-static void turn(float *turned, const float *weight, size_t count, size_t kernel) {
+static void turn(float *transposed, const float *weight, size_t count, size_t kernel) {
   for (size_t k = 0; k < kernel; k++)
-    for (size_t c = 0; c < padded((int)count); c++) turned[k * CHUNK + c] = c < count ? weight[c * kernel + k] : 0;
+    for (size_t c = 0; c < padded((int)count); c++) transposed[k * CHUNK + c] = c < count ? weight[c * kernel + k] : 0;
 }
-static void turn_back(float *weight, const float *turned, size_t count, size_t kernel) {
+static void turn_back(float *weight, const float *transposed, size_t count, size_t kernel) {
   for (size_t k = 0; k < kernel; k++)
-    for (size_t c = 0; c < count; c++) weight[c * kernel + k] = turned[k * CHUNK + c];
+    for (size_t c = 0; c < count; c++) weight[c * kernel + k] = transposed[k * CHUNK + c];
 }
 
 /* dW += slope x; dx += slope W, where it is wanted */

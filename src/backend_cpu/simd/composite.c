@@ -12,7 +12,7 @@
 /* The size of a group of rays; no marched ray has more samples. */
 enum { COMPOSITE_SAMPLES = ERN_MAX_STEPS, COMPOSITE_RAYS = 512 };
 
-struct in_hand {
+struct ray_group {
   float alpha[COMPOSITE_SAMPLES + LANES];   /* 1 - exp(-tau) */
   float through[COMPOSITE_SAMPLES + LANES]; /* exp(-tau) */
   float colour[3][COMPOSITE_RAYS], opacity[COMPOSITE_RAYS];
@@ -28,7 +28,7 @@ static size_t rays_that_fit(const int32_t *first, size_t r, size_t n) {
 }
 
 /* The first pass over the samples of rays [r, r + rays). */
-static void weigh(struct in_hand *hand, const struct ern_composite_view *v, size_t r, size_t rays) {
+static void weigh(struct ray_group *hand, const struct ern_composite_view *v, size_t r, size_t rays) {
   const size_t begin = (size_t)v->first[r], count = (size_t)v->first[r + rays] - begin;
   for (size_t i = 0; i < count; i += LANES) {
     const size_t left = count - i < LANES ? count - i : LANES;
@@ -61,7 +61,7 @@ LANES_INLINE vf blend(vf colour, vf opacity, vf background) {
 
 /* ---- forward ---- */
 
-static void composite_rays(const struct ern_composite_view *v, struct in_hand *hand, size_t begin, size_t rays) {
+static void composite_rays(const struct ern_composite_view *v, struct ray_group *hand, size_t begin, size_t rays) {
   const size_t from = (size_t)v->first[begin];
   const struct optional depths = optional(v->sample_depth), attentions = optional(v->sample_attention),
                         eyes = optional(v->sample_eye), uncertainties = optional(v->sample_uncertainty);
@@ -96,7 +96,7 @@ static void composite_rays(const struct ern_composite_view *v, struct in_hand *h
 }
 
 /* Writes the wanted outputs: colours and opacities. */
-static void put_rays(const struct ern_composite_view *v, const struct in_hand *hand, size_t begin, size_t rays) {
+static void put_rays(const struct ern_composite_view *v, const struct ray_group *hand, size_t begin, size_t rays) {
   for (size_t k = 0; k < rays; k += LANES) {
     const size_t count = rays - k < LANES ? rays - k : LANES, r = begin + k;
     const vf opacity = vf_load_partial(hand->opacity + k, count);
@@ -124,7 +124,7 @@ static struct ern_composite_view view_of_ray(const struct ern_composite_view *fr
 }
 
 void ERN_ISA(ern_composite_fwd)(const struct ern_composite_view *view, size_t n) {
-  struct in_hand hand;
+  struct ray_group hand;
   for (size_t r = 0; r < n;) {
     const size_t rays = rays_that_fit(view->first, r, n);
     if (rays == 0) {
@@ -142,7 +142,8 @@ void ERN_ISA(ern_composite_fwd)(const struct ern_composite_view *view, size_t n)
 /* ---- backward ---- */
 
 /* For the rays of the group: hand->colour becomes dL/dcolour, hand->opacity dL/dopacity. */
-static void gradients_of_rays(const struct ern_composite_bwd_view *v, struct in_hand *hand, size_t begin, size_t rays) {
+static void gradients_of_rays(const struct ern_composite_bwd_view *v, struct ray_group *hand, size_t begin,
+                              size_t rays) {
   const struct ern_composite_view *f = &v->forward;
   for (size_t k = 0; k < rays; k += LANES) {
     const size_t count = rays - k < LANES ? rays - k : LANES, r = begin + k;
@@ -173,7 +174,7 @@ static void clear_samples(const struct ern_composite_bwd_view *v, size_t begin, 
 
 /* dL/dtau_i = dw_i T_{i+1} - sum_{j>i} dw_j w_j, as in the reference; on the forward walk hand->alpha becomes the
  * weight w and hand->through becomes T_{i+1}. */
-static void composite_rays_bwd(const struct ern_composite_bwd_view *v, struct in_hand *hand, size_t begin,
+static void composite_rays_bwd(const struct ern_composite_bwd_view *v, struct ray_group *hand, size_t begin,
                                size_t rays) {
   const struct ern_composite_view *f = &v->forward;
   const size_t from = (size_t)f->first[begin], stride = f->rgb_stride;
@@ -213,7 +214,7 @@ static void composite_rays_bwd(const struct ern_composite_bwd_view *v, struct in
 }
 
 void ERN_ISA(ern_composite_bwd)(const struct ern_composite_bwd_view *view, size_t n) {
-  struct in_hand hand;
+  struct ray_group hand;
   for (size_t r = 0; r < n;) {
     const size_t rays = rays_that_fit(view->forward.first, r, n);
     if (rays == 0) {

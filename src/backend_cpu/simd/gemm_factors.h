@@ -15,7 +15,7 @@ struct rows_factors {
 
 /* x [TILE][x_row], columns 0 .. count-1, for sums over columns: writes pairs of columns to workspace [TILE][count/2
  * aligned]. */
-LANES_INLINE struct rows_factors rows_beside(float *workspace, const float *x, size_t x_row, size_t count) {
+LANES_INLINE struct rows_factors factors_pair_columns(float *workspace, const float *x, size_t x_row, size_t count) {
   const size_t row = (count + 2 * LANES - 1) / (2 * LANES) * LANES;
   for (size_t c = 0; c < count; c += 2 * LANES) {
     const size_t left = count - c;
@@ -35,8 +35,8 @@ LANES_INLINE struct rows_factors rows_beside(float *workspace, const float *x, s
 
 /* x [count][x_row], for sums over rows: writes pairs of rows to workspace [count/2][width]. width: a multiple of a
  * register. Source and result may be weights. An odd last row is paired with zeros. */
-LANES_INLINE struct rows_factors rows_below(float *workspace, const float *x, size_t x_row, size_t count,
-                                            size_t width) {
+LANES_INLINE struct rows_factors factors_pair_rows(float *workspace, const float *x, size_t x_row, size_t count,
+                                                   size_t width) {
   for (size_t k = 0; k < count; k += 2) {
     for (size_t c = 0; c < width; c += LANES) {
       const vf low = vf_load(x + k * x_row + c), high = k + 1 < count ? vf_load(x + (k + 1) * x_row + c) : (vf){0};
@@ -48,12 +48,12 @@ LANES_INLINE struct rows_factors rows_below(float *workspace, const float *x, si
 
 #else
 
-LANES_INLINE struct rows_factors rows_beside(float *workspace, const float *x, size_t x_row, size_t count) {
+LANES_INLINE struct rows_factors factors_pair_columns(float *workspace, const float *x, size_t x_row, size_t count) {
   (void)workspace;
   return (struct rows_factors){x, x_row, count};
 }
-LANES_INLINE struct rows_factors rows_below(float *workspace, const float *x, size_t x_row, size_t count,
-                                            size_t width) {
+LANES_INLINE struct rows_factors factors_pair_rows(float *workspace, const float *x, size_t x_row, size_t count,
+                                                   size_t width) {
   (void)workspace, (void)width;
   return (struct rows_factors){x, x_row, count};
 }

@@ -122,7 +122,7 @@ static __attribute__((noinline, unused)) void rows_sums(const struct rows_produc
 #endif
 
 /* Transposes: lane l of row r and lane r of row l are exchanged, in log2(LANES) rounds with distance d. */
-LANES_INLINE void rows_turn(vf row[LANES]) {
+LANES_INLINE void rows_transpose(vf row[LANES]) {
 #define ROWS_TURN(d)                                                             \
   _Pragma("GCC unroll 16") for (int r = 0; r < LANES; r++) {                     \
     if (r & (d)) continue;                                                       \

@@ -55,7 +55,7 @@ LANES_INLINE vf vf_all_quad(const void *at) {
 /* Transposes 4 x 4 in each quad: element c of register r and element r of register c are exchanged. */
 #define QUAD_EVEN(l, d) ((l)&1 ? LANES : 0) + ((l) & ~3) + ((l) >> 1 & 1) + (d)
 #define QUAD_HALF(l, d) ((l)&2 ? LANES : 0) + ((l) & ~3) + ((l)&1) + (d)
-LANES_INLINE void vf_turn_quads(vf value[4]) {
+LANES_INLINE void vf_transpose_quads(vf value[4]) {
   const vf low01 = __builtin_shufflevector(value[0], value[1], LANES_EACH(QUAD_EVEN, 0));
   const vf low23 = __builtin_shufflevector(value[2], value[3], LANES_EACH(QUAD_EVEN, 0));
   const vf high01 = __builtin_shufflevector(value[0], value[1], LANES_EACH(QUAD_EVEN, 2));

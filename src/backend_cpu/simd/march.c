@@ -102,7 +102,7 @@ LANES_INLINE vf walk_enter(struct walk *walk, size_t count) {
 /* Looks up the occupancy: negative in the lanes whose cell at t is occupied. Where `borders` is set, cell and p are
  * outputs for the distance to the cell's border. The cell is clamp(int(64 (p/bound + 1)), 0, 127), also for an
  * unclamped p: outside the cube it is the last cell. */
-LANES_INLINE vi walk_look(const struct walk *walk, vf t, vi cell[AXES], vf p[AXES], const bool borders) {
+LANES_INLINE vi walk_lookup(const struct walk *walk, vf t, vi cell[AXES], vf p[AXES], const bool borders) {
   const float bound = walk->settings->bound, half_side = ERN_OCCUPANCY_SIDE / 2;
   const vf inverse_bound = vf_all(1 / bound);
   vu number = {0};
@@ -180,7 +180,7 @@ LANES_INLINE void walk_all(struct found *found, const struct walk *from, const b
   vf t = walk.t, p[AXES];
   vi cell[AXES];
   for (uint32_t live = walk.live; live != 0;) {
-    const uint32_t hit = vi_bits(walk_look(&walk, t, cell, p, false)) & live;
+    const uint32_t hit = vi_bits(walk_lookup(&walk, t, cell, p, false)) & live;
     if (hit != 0) live &= found_add(found, t, hit);
     t += step_at(&walk.stepping, t, constant);
     live &= vf_less_bits(t, walk.far);
@@ -193,7 +193,7 @@ LANES_INLINE void walk_cells(struct found *found, const struct walk *from) {
   vf t = walk.t, p[AXES];
   vi cell[AXES];
   for (uint32_t live = walk.live; live != 0;) {
-    const uint32_t hit = vi_bits(walk_look(&walk, t, cell, p, true)) & live;
+    const uint32_t hit = vi_bits(walk_lookup(&walk, t, cell, p, true)) & live;
     const vf border = t + walk_leave(&walk, cell, p);
     if (hit != 0) live &= found_add(found, t, hit);
     t += step_at(&walk.stepping, t, false);
@@ -207,7 +207,7 @@ LANES_INLINE void walk_cells(struct found *found, const struct walk *from) {
 }
 
 /* Advances along the sequence without look-ups while t < not_before. */
-LANES_INLINE void walk_climb(struct walk *walk, vf not_before, const bool constant) {
+LANES_INLINE void walk_skip(struct walk *walk, vf not_before, const bool constant) {
   const vf far = walk->far, end = vf_min(far, not_before); /* NaN: no bound known */
   vf t = walk->t;
   for (uint32_t below = walk->live;;) {
@@ -231,7 +231,7 @@ LANES_INLINE uint32_t walk_short(const struct walk *walk) {
 
 /* Bits of the lanes where t + dt > t may fail before the far end: at t < 2^22 dt a step is two units of t's last place.
  */
-LANES_INLINE uint32_t walk_stuck(const struct walk *walk) {
+LANES_INLINE uint32_t walk_cannot_advance(const struct walk *walk) {
   const vf limit = vf_all(walk->stepping.shortest * 4194304.0f);
   const vf t = (vf)((vi)walk->t & INT32_MAX), far = (vf)((vi)walk->far & INT32_MAX);
   return ~(vf_less_bits(t, limit) & vf_less_bits(far, limit)) & walk->live;
@@ -264,11 +264,11 @@ void ERN_ISA(ern_march_from)(float *t, int32_t *count, const float *dir, size_t 
     const vf near = walk_enter(&walk, lanes), start = jitter ? vf_load_first(jitter + r, lanes) : (vf){0};
     walk.t = near + vf_multiply_rounded(step_at(&walk.stepping, near, false), start);
     walk.live &= vf_less_bits(walk.t, walk.far);
-    const uint32_t stuck = walk_stuck(&walk);
+    const uint32_t stuck = walk_cannot_advance(&walk);
     walk.live &= ~stuck;
     if (not_before != NULL) {
       const vf known = vf_load_first(not_before + r, lanes);
-      walk.stepping.constant ? walk_climb(&walk, known, true) : walk_climb(&walk, known, false);
+      walk.stepping.constant ? walk_skip(&walk, known, true) : walk_skip(&walk, known, false);
     }
     found.next = found_begin(&found);
     if (walk_short(&walk) != 0) {

@@ -234,16 +234,16 @@ static void scatter(const struct ern_rows_view *dx, const struct ern_rows_view *
  * the gradient at the input, or NULL where that is not wanted. */
 static float *tile_bwd(float *scratch, const struct ern_mlp_layout *at, const float *parameters,
                        const struct ern_mlp *mlp, bool dx_wanted) {
-  float *slope = scratch + at->slope[0], *next = scratch + at->slope[1], *turned = scratch + at->turned;
+  float *slope = scratch + at->slope[0], *next = scratch + at->slope[1], *transposed = scratch + at->transposed;
   for (int l = mlp->layers - 1; l >= 0; l--) {
     const size_t outs = (size_t)mlp->width[l + 1], ins = (size_t)mlp->width[l], padded = ern_mlp_padded(mlp->width[l]);
-    turn(turned, scratch + at->value[l], mlp->width[l]);
+    turn(transposed, scratch + at->value[l], mlp->width[l]);
     const struct product dw = {.out = scratch + at->dweight[l],
                                .out_row = padded,
                                .a = slope,
                                .a_row = TILE,
                                .a_step = 1,
-                               .b = turned,
+                               .b = transposed,
                                .b_row = padded,
                                .count = TILE,
                                .finish = ADD};

@@ -59,7 +59,7 @@ static void field_tile(struct render_scratch *s, const struct flight *f, const s
              features + tile_rows_padded(net->attention) + net->eye);
   tile_layer(s->hidden[1], NULL, net->density2, s->hidden[0], net->density, density);
   tile_outputs(s->sigma, net->sigma, s->hidden[1], 1, density);
-  tile_layer(s->hidden[0], f->ray_share, net->colour1, s->hidden[1], net->colour, density);
+  tile_layer(s->hidden[0], f->ray_term, net->colour1, s->hidden[1], net->colour, density);
   tile_outputs(s->rgb, net->colour2, s->hidden[0], 3, tile_rows_padded(net->colour));
   for (size_t k = 0; k < TILE; k += LANES) {
     const vf log_sigma = vf_load(s->sigma + k);
@@ -100,18 +100,18 @@ static bool next_rays(struct render_scratch *s, const struct ern_render_work *wo
 
 /* Computes the contribution of direction and individual code to the colour's first layer, for the next rays with
  * samples. */
-static void share_rays(struct render_scratch *s, const struct ern_render_work *work) {
+static void compute_ray_terms(struct render_scratch *s, const struct ern_render_work *work) {
   const struct ern_frame_net *net = work->net;
   const size_t n = s->hits - s->shared < TILE ? s->hits - s->shared : TILE;
   for (size_t r = 0; r < net->colour; r++)
-    for (size_t k = 0; k < TILE; k += LANES) vf_store(s->next_share + r * TILE + k, vf_all(net->code[r]));
+    for (size_t k = 0; k < TILE; k += LANES) vf_store(s->next_term + r * TILE + k, vf_all(net->code[r]));
   if (net->harmonics > 0) {
     float direction[3 * TILE];
     for (size_t axis = 0; axis < 3; axis++)
       for (size_t i = 0; i < TILE; i++)
         direction[axis * TILE + i] = s->direction[axis * s->batch + (size_t)s->hit[s->shared + (i < n ? i : 0)]];
     work->sh(s->harmonics, TILE, direction, TILE, TILE);
-    tile_product(s->next_share, s->next_share, net->ray, s->harmonics, net->colour, net->harmonics, TILE_STORE);
+    tile_product(s->next_term, s->next_term, net->ray, s->harmonics, net->colour, net->harmonics, TILE_STORE);
   }
   s->shared += n;
 }
@@ -120,15 +120,15 @@ static void share_rays(struct render_scratch *s, const struct ern_render_work *w
 static bool take_ray(struct render_scratch *s, struct flight *f, size_t slot, const struct ern_render_work *work,
                      atomic_size_t *next, struct ern_profile *profile) {
   if (s->taken == s->hits && !next_rays(s, work, next, profile)) return false;
-  if (s->taken == s->shared) share_rays(s, work);
+  if (s->taken == s->shared) compute_ray_terms(s, work);
   const size_t from = (size_t)s->hit[s->taken], max_steps = (size_t)work->settings.max_steps;
   f->ray[slot] = s->ray[s->taken];
   f->left[slot] = s->count[from];
   f->at[slot] = (int32_t)(slot * max_steps);
   memcpy(f->distance + slot * max_steps, s->distance + from * max_steps, (size_t)s->count[from] * sizeof(float));
   for (size_t axis = 0; axis < 3; axis++) f->d[axis][slot] = s->direction[axis * s->batch + from];
-  const float *share = s->next_share + s->taken % TILE;
-  for (size_t r = 0; r < work->net->colour; r++) f->ray_share[r * TILE + slot] = share[r * TILE];
+  const float *share = s->next_term + s->taken % TILE;
+  for (size_t r = 0; r < work->net->colour; r++) f->ray_term[r * TILE + slot] = share[r * TILE];
   f->transmittance[slot] = 1;
   f->opacity[slot] = f->depth[slot] = f->attention[slot] = f->eye[slot] = 0;
   for (size_t c = 0; c < 3; c++) f->colour[c][slot] = 0;
@@ -208,8 +208,8 @@ static uint64_t slots_done(const struct flight *f, const struct ern_render_work 
 }
 
 /* Writes out the finished rays and gives their slots to other rays. */
-static void turn_over(struct render_scratch *s, struct flight *f, const struct ern_render_work *work,
-                      atomic_size_t *next, struct ern_profile *profile) {
+static void replace_finished_rays(struct render_scratch *s, struct flight *f, const struct ern_render_work *work,
+                                  atomic_size_t *next, struct ern_profile *profile) {
   for (uint64_t done = slots_done(f, work); done != 0; done &= done - 1) {
     const size_t slot = (size_t)__builtin_ctzll(done);
     if (f->ray[slot] >= 0) {
@@ -254,7 +254,7 @@ static bool advance(struct render_scratch *s, const struct ern_render_work *work
     *at = lap(profile, ERN_PROFILE_FORWARD, *at);
     add_samples(flight[k], s, work);
     *at = lap(profile, ERN_PROFILE_COMPOSITE, *at);
-    turn_over(s, flight[k], work, next, profile);
+    replace_finished_rays(s, flight[k], work, next, profile);
     *at = lap(profile, ERN_PROFILE_MARCH, *at);
   }
   return tiles > 0;

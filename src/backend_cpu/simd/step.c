@@ -38,7 +38,7 @@ static void rows_of_channels(float *rows, size_t row, const float *f, size_t str
     for (size_t s = 0; s < TILE; s += LANES) {
       vf block[LANES] = {{0}};
       for (size_t r = 0; r < have; r++) block[r] = vf_load(f + (c + r) * stride + s);
-      rows_turn(block);
+      rows_transpose(block);
       for (size_t l = 0; l < LANES; l++) vf_store(rows + (s + l) * row + c, block[l]);
     }
   }
@@ -51,7 +51,7 @@ static void channels_of_rows(float *f, size_t stride, const float *rows, size_t 
     for (size_t s = 0; s < TILE; s += LANES) {
       vf block[LANES];
       for (size_t l = 0; l < LANES; l++) block[l] = vf_load(rows + (s + l) * row + c);
-      rows_turn(block);
+      rows_transpose(block);
       for (size_t r = 0; r < have; r++) vf_store(f + (c + r) * stride + s, block[r]);
     }
   }
@@ -223,7 +223,7 @@ static void encode(const struct ern_train_net *net, struct ern_train_tile *t, co
 /* out = x W, of the tile's rows. w: from net->factors */
 static void layer(struct ern_train_tile *t, float *out, size_t out_row, const float *x, size_t x_row, const float *w,
                   size_t w_row, size_t outs, size_t ins, rows_finish finish) {
-  const struct rows_factors a = rows_beside(t->factors[0], x, x_row, ins);
+  const struct rows_factors a = factors_pair_columns(t->factors[0], x, x_row, ins);
   const struct rows_product p = {.out = out,
                                  .a = a.at,
                                  .b = w,
@@ -346,8 +346,8 @@ static void uncertainty(const struct ern_train_net *net, struct ern_train_tile *
 /* gradient [ins][outs] += x^T dy */
 static void add_weights(struct ern_train_tile *t, float *gradient, size_t gradient_row, const float *x, size_t x_row,
                         size_t ins, const float *dy, size_t dy_row, size_t outs) {
-  const struct rows_factors a = rows_below(t->factors[0], x, x_row, TILE, ern_net_aligned(ins));
-  const struct rows_factors b = rows_below(t->factors[1], dy, dy_row, TILE, outs);
+  const struct rows_factors a = factors_pair_rows(t->factors[0], x, x_row, TILE, ern_net_aligned(ins));
+  const struct rows_factors b = factors_pair_rows(t->factors[1], dy, dy_row, TILE, outs);
   const struct rows_product p = {.out = gradient,
                                  .a = a.at,
                                  .b = b.at,
@@ -365,7 +365,7 @@ static void add_weights(struct ern_train_tile *t, float *gradient, size_t gradie
 /* out = dy W, where the unit was active: x > 0 */
 static void layer_bwd(struct ern_train_tile *t, float *out, size_t out_row, const float *dy, size_t dy_row, size_t outs,
                       const float *w, size_t ins, const float *x, size_t x_row) {
-  const struct rows_factors a = rows_beside(t->factors[0], dy, dy_row, outs);
+  const struct rows_factors a = factors_pair_columns(t->factors[0], dy, dy_row, outs);
   const struct rows_product p = {.out = out,
                                  .a = a.at,
                                  .b = w,
@@ -552,7 +552,7 @@ static void pair_weights(const struct ern_train_net *net, float *factors) {
                 {net->hidden_back, net->scene_hidden, net->slope_row}};
   for (size_t m = 0; m < sizeof matrix / sizeof *matrix; m++) {
     const size_t at = matrix[m].at;
-    rows_below(factors + at, net->weights + at, matrix[m].outs, matrix[m].ins, matrix[m].outs);
+    factors_pair_rows(factors + at, net->weights + at, matrix[m].outs, matrix[m].ins, matrix[m].outs);
   }
 }
 #define PAIR_WEIGHTS pair_weights

@@ -203,7 +203,7 @@ LANES_INLINE void look_up(float *feature, const struct ern_torso_level *level, c
   quad[1] = between(quad[1], next[1], vf_quad_element(entries->later, 1));
   quad[2] = between(quad[2], next[2], vf_quad_element(entries->later, 2));
   quad[3] = between(quad[3], next[3], vf_quad_element(entries->later, 3));
-  vf_turn_quads(quad);
+  vf_transpose_quads(quad);
   vf_store(feature, between(quad[0], quad[2], entries->lower));
   vf_store(feature + TILE, between(quad[1], quad[3], entries->lower));
 }

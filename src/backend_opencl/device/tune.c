@@ -12,7 +12,7 @@
 #include "backend_opencl/device/peak.h"
 #include "backend_opencl/device/program.h"
 #include "backend_opencl/device/tune.h"
-#include "backend_opencl/device/tune_loads.h"
+#include "backend_opencl/device/tune_workloads.h"
 #include "core/memory.h"
 #include "io/file.h"
 
@@ -51,7 +51,7 @@ int ern_cl_standard_size(const struct ern_cl_device *device, ern_cl_tunable tuna
   return form_of(device, tunable)->tried[0];
 }
 
-int ern_cl_size_kept(const struct ern_cl_measured *m) {
+int ern_cl_size_selected(const struct ern_cl_measured *m) {
   return m->standard_ns > m->best_ns / 100 * clearly ? m->best : m->standard;
 }
 
@@ -116,19 +116,19 @@ static int64_t now_ns(void) {
 }
 
 /* The standard and another size, each prepared on its stream. */
-struct contest {
+struct comparison {
   struct ern_cl_backend *bench;
-  struct ern_cl_loads *loads;
+  struct ern_cl_workloads *loads;
   struct ern_stream *stream[2];
   ern_cl_tunable tunable;
   int size[2];
 };
 
-static ern_status time_calls(struct contest *c, int side, int64_t calls, int64_t *ns) {
+static ern_status time_calls(struct comparison *c, int side, int64_t calls, int64_t *ns) {
   const int64_t began = now_ns();
   ern_status status = ERN_OK;
   c->bench->size[c->tunable] = c->size[side];
-  for (int64_t i = 0; i < calls; i++) ERN_TRY(ern_cl_load_run(c->loads, c->tunable, c->stream[side]));
+  for (int64_t i = 0; i < calls; i++) ERN_TRY(ern_cl_workload_run(c->loads, c->tunable, c->stream[side]));
   ERN_TRY(ern_opencl_finish(c->stream[side]));
   *ns = now_ns() - began;
 fail:
@@ -136,10 +136,10 @@ fail:
 }
 
 /* Builds with a size, and runs once, to see whether the device accepts it. */
-static ern_status enter(struct contest *c, int side, int size, int64_t *ns) {
+static ern_status build_and_time(struct comparison *c, int side, int size, int64_t *ns) {
   ern_status status = ERN_OK;
   c->bench->size[c->tunable] = c->size[side] = size;
-  ERN_TRY(ern_cl_load_prepare(c->loads, c->tunable, c->stream[side]));
+  ERN_TRY(ern_cl_workload_prepare(c->loads, c->tunable, c->stream[side]));
   ERN_TRY(time_calls(c, side, 1, ns));
   status = time_calls(c, side, 1, ns);
 fail:
@@ -147,7 +147,7 @@ fail:
 }
 
 /* The shortest time of a call with each size, in nanoseconds. */
-static ern_status take_turns(struct contest *c, int64_t call_ns, int64_t least[2]) {
+static ern_status time_alternately(struct comparison *c, int64_t call_ns, int64_t least[2]) {
   const int64_t calls = 1 + READING_NS / (call_ns > 0 ? call_ns : 1);
   ern_status status = ERN_OK;
   least[0] = least[1] = INT64_MAX;
@@ -162,7 +162,7 @@ fail:
 }
 
 /* *m: result of the size that is fastest relative to the standard. *m is not changed where the time runs out. */
-static ern_status measure_tunable(struct contest *c, int64_t end, struct ern_cl_measured *m) {
+static ern_status measure_tunable(struct comparison *c, int64_t end, struct ern_cl_measured *m) {
   const struct form *form = form_of(&c->bench->device, c->tunable);
   const int standard = form->tried[0];
   struct ern_cl_measured found = {.standard = standard, .best = standard};
@@ -170,12 +170,12 @@ static ern_status measure_tunable(struct contest *c, int64_t end, struct ern_cl_
   int64_t ns = 0, least[2];
   ern_status status = ERN_OK;
   if (now_ns() >= end) return ERN_OK;
-  ERN_TRY(enter(c, 0, standard, &ns));
+  ERN_TRY(build_and_time(c, 0, standard, &ns));
   found.standard_ns = found.best_ns = ns > 0 ? ns : 1;
   for (int i = 1; i < SIZES && form->tried[i] > 0; i++) {
     if (now_ns() >= end) goto fail;
-    if (enter(c, 1, form->tried[i], &ns) != ERN_OK) continue;
-    ERN_TRY(take_turns(c, ns, least));
+    if (build_and_time(c, 1, form->tried[i], &ns) != ERN_OK) continue;
+    ERN_TRY(time_alternately(c, ns, least));
     const double ratio = (double)least[0] / (double)least[1];
     if (ratio <= best_ratio) continue;
     best_ratio = ratio;
@@ -183,26 +183,26 @@ static ern_status measure_tunable(struct contest *c, int64_t end, struct ern_cl_
   }
   *m = found;
 fail:
-  c->bench->size[c->tunable] = m->standard_ns > 0 ? ern_cl_size_kept(m) : standard;
+  c->bench->size[c->tunable] = m->standard_ns > 0 ? ern_cl_size_selected(m) : standard;
   return status;
 }
 
 ern_status ern_cl_measure(struct ern_cl_backend *bench, unsigned wanted, double seconds,
                           struct ern_cl_measured *measured) {
   const int64_t end = now_ns() + (int64_t)(seconds * 1e9);
-  struct contest contest = {.bench = bench};
+  struct comparison comparison = {.bench = bench};
   struct ern_backend *table = &bench->table;
   ern_status status = ERN_OK;
   if (!(seconds > 0)) return ERN_OK;
-  ERN_TRY(ern_cl_loads_make(bench, &contest.loads));
-  for (int side = 0; side < 2; side++) ERN_TRY(table->stream_make(table, 1, &contest.stream[side]));
+  ERN_TRY(ern_cl_loads_make(bench, &comparison.loads));
+  for (int side = 0; side < 2; side++) ERN_TRY(table->stream_make(table, 1, &comparison.stream[side]));
   for (ern_cl_tunable tunable = 0; tunable < ERN_CL_TUNABLE_COUNT; tunable++) {
-    contest.tunable = tunable;
-    if ((wanted >> tunable & 1) != 0) ERN_TRY(measure_tunable(&contest, end, &measured[tunable]));
+    comparison.tunable = tunable;
+    if ((wanted >> tunable & 1) != 0) ERN_TRY(measure_tunable(&comparison, end, &measured[tunable]));
   }
 fail:
-  for (int side = 0; side < 2; side++) table->stream_free(contest.stream[side]);
-  ern_cl_loads_free(contest.loads);
+  for (int side = 0; side < 2; side++) table->stream_free(comparison.stream[side]);
+  ern_cl_loads_free(comparison.loads);
   return status;
 }
 
@@ -221,7 +221,7 @@ void ern_cl_sizes_set(struct ern_cl_backend *backend) {
   for (ern_cl_tunable tunable = 0; tunable < ERN_CL_TUNABLE_COUNT; tunable++) {
     const struct ern_cl_measured *m = &backend->measured[tunable];
     const bool usable = m->standard_ns > 0 && !(tunables[tunable].reorders && backend->table.deterministic);
-    backend->size[tunable] = usable ? ern_cl_size_kept(m) : ern_cl_standard_size(&backend->device, tunable);
+    backend->size[tunable] = usable ? ern_cl_size_selected(m) : ern_cl_standard_size(&backend->device, tunable);
   }
 }
 

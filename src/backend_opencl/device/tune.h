@@ -9,7 +9,7 @@
 /* The standard size, by the device's form. */
 int ern_cl_standard_size(const struct ern_cl_device *device, ern_cl_tunable tunable);
 /* The size to build with: the best measured one where it is clearly faster than the standard. */
-int ern_cl_size_kept(const struct ern_cl_measured *measured);
+int ern_cl_size_selected(const struct ern_cl_measured *measured);
 
 /* Fills size[]: the best measured size where there is one and the backend may deviate from the standard. */
 void ern_cl_sizes_set(struct ern_cl_backend *backend);

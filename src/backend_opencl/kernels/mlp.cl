@@ -288,16 +288,16 @@ INLINE void turn(local float *to, local const float *tile, const int padded) {
 }
 
 /* dW [rows][vectors] += slope [rows][TILE] turned [TILE][vectors]; rows of dW `padded` vectors long */
-INLINE void add_block(global float *dw, local const float *slope, local const vf *turned, const int padded,
+INLINE void add_block(global float *dw, local const float *slope, local const vf *transposed, const int padded,
                       const int rows, const int vectors) {
   SUMS;
   EACH_ROW(CLEAR_ROW)
 #define WEIGHT(r) (vf)(slope[r * TILE + i])
   for (int i = 0; i < TILE; i++) {
     vf value[3];
-    value[0] = turned[i * padded];
-    if (vectors > 1) value[1] = turned[i * padded + 1];
-    if (vectors > 2) value[2] = turned[i * padded + 2];
+    value[0] = transposed[i * padded];
+    if (vectors > 1) value[1] = transposed[i * padded + 1];
+    if (vectors > 2) value[2] = transposed[i * padded + 2];
     EACH_ROW(ADD_ROW)
   }
 #undef WEIGHT
@@ -307,31 +307,31 @@ INLINE void add_block(global float *dw, local const float *slope, local const vf
   EACH_ROW(ADD_SUMS)
 }
 
-INLINE void add_rows(global float *dw, local const float *slope, local const vf *turned, const int padded,
+INLINE void add_rows(global float *dw, local const float *slope, local const vf *transposed, const int padded,
                      const int rows, const int column, const int vectors) {
   dw += column * LANES;
-  turned += column;
+  transposed += column;
   for (int row = 0; row + BLOCK <= rows - (REST(rows) > BLOCK ? BLOCK + 1 : 0); row += BLOCK)
-    add_block(dw + row * padded * LANES, slope + row * TILE, turned, padded, BLOCK, vectors);
+    add_block(dw + row * padded * LANES, slope + row * TILE, transposed, padded, BLOCK, vectors);
   const int rest = rows - REST(rows);
-  if (REST(rows) > 0) add_block(dw + rest * padded * LANES, slope + rest * TILE, turned, padded, REST(rows), vectors);
+  if (REST(rows) > 0) add_block(dw + rest * padded * LANES, slope + rest * TILE, transposed, padded, REST(rows), vectors);
 }
 
 /* dW [outs][ins] += slope [outs][TILE] value^T [TILE][ins]: columns in threes of vectors, four in two twos. */
-INLINE void add_weights(global float *dw, local const vf *slope, local const vf *value, local vf *turned,
+INLINE void add_weights(global float *dw, local const vf *slope, local const vf *value, local vf *transposed,
                         const int outs, const int ins, const int row, const int item) {
   const int padded = row / LANES, last = padded % 3 == 1 && padded > 1 ? 4 : padded % 3;
   local const float *from = (local const float *)slope;
-  turn((local float *)turned, (local const float *)value, row);
-  for (int column = 0; column < padded - last; column += 3) add_rows(dw, from, turned, padded, outs, column, 3);
+  turn((local float *)transposed, (local const float *)value, row);
+  for (int column = 0; column < padded - last; column += 3) add_rows(dw, from, transposed, padded, outs, column, 3);
   for (int column = padded - last; column + 2 <= padded; column += 2)
-    add_rows(dw, from, turned, padded, outs, column, 2);
-  if (last == 1) add_rows(dw, from, turned, padded, outs, padded - 1, 1);
+    add_rows(dw, from, transposed, padded, outs, column, 2);
+  if (last == 1) add_rows(dw, from, transposed, padded, outs, padded - 1, 1);
 }
 
 #else
 /* The same: an item sums 4 x 4 products, whose rows and columns lie apart so that neighbours read neighbours. */
-INLINE void add_weights(global float *dw, local const float *slope, local const float *value, local float *turned,
+INLINE void add_weights(global float *dw, local const float *slope, local const float *value, local float *transposed,
                         const int outs, const int ins, const int row, const int item) {
   const int down = (outs + 3) / 4, across = (ins + 3) / 4;
   for (int block = item; block < down * across; block += GROUP) {
@@ -383,10 +383,10 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void mlp_bwd(GRADIENTS
                                                                        ulong n) {
 #if CPU
   local vf values[(VALUES + LANES - 1) * LINE]; /* what `turn` may look at */
-  local vf turned[TILE * TURNED];
+  local vf transposed[TILE * TURNED];
 #else
   local vf values[VALUES * LINE];
-  local float *const turned = 0;
+  local float *const transposed = 0;
 #endif
   STAGE_MEMORY
   OPEN_GRADIENTS
@@ -408,7 +408,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void mlp_bwd(GRADIENTS
     JOIN(UP_, HIDDEN)(LAYER)
     gather(values + JOIN(V, LAYERS) * LINE, dy, dy_stride, JOIN(C, LAYERS), PER_SAMPLE, 0, first, n, item);
 #define LAYER_BWD(l, next)                                                                                        \
-  WAIT add_weights(own + G##l, values + V##next * LINE, values + V##l * LINE, turned, C##next, C##l, E##l, item); \
+  WAIT add_weights(own + G##l, values + V##next * LINE, values + V##l * LINE, transposed, C##next, C##l, E##l, item); \
   WAIT if (l > 0)                                                                                                 \
       product(SLOPE, values + V##l * LINE, values + V##next * LINE, w + A##l, 1, C##l, C##l, C##next, item STAGED);
     JOIN(DOWN_, LAYERS)(LAYER_BWD)

@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: MIT
- * Name, arithmetic and traffic of one call of a slot, from its arguments; ernerf-lab/bench.h says what counts.
- * Figures that are not sums of products are read off the equations in docs/maths.md, to the operation where a kernel is
- * bound by arithmetic, roughly where it is bound by memory. */
+ * Name, arithmetic and traffic of one call of a slot, from its arguments; ernerf-lab/bench.h says what counts. Counts
+ * other than sums of products follow the equations in docs/maths.md: exact for compute-bound kernels, approximate for
+ * memory-bound ones. */
 #include "lab/bench/bench_shared.h"
 #include "model/field.h"
 
-enum { INT_BYTES = 4, SMALL = 64 /* calls on fewer items are set-up, not work */ };
+enum { INT_BYTES = 4, SMALL = 64 /* calls on fewer items are set-up and are not measured */ };
 
 typedef struct ern_bench_call_cost cost;
 
@@ -31,7 +31,7 @@ static const char *name_mlp(const struct ern_mlp *mlp, const struct ern_field *f
     if (known->layers > 0 && known->weight[0] == mlp->weight[0] && known->width[last] == mlp->width[last])
       return backward ? mlps[i].bwd : mlps[i].fwd;
   }
-  return NULL; /* the density alone, of a refresh */
+  return NULL; /* a refresh computes only the density */
 }
 
 static double rows_bytes(const ern_rows *rows, size_t n, size_t real) {
@@ -74,7 +74,7 @@ static cost cost_grid(const struct ern_grid_fwd_args *a, size_t real) {
   c.reads = n * ern_bench_grid_reads(a->grid);
   return c;
 }
-/* A place of the table is read and written; with the gradient of the coordinates the table's values are read too. */
+/* Each table entry is read and written; the gradient of the coordinates also reads the table's values. */
 static cost cost_grid_bwd(const struct ern_grid_bwd_args *a, size_t real) {
   cost c = cost_grid(&a->forward, real);
   const int passes = (a->dtable.buffer != NULL) + (a->dx[0].buffer != NULL);
@@ -108,7 +108,7 @@ static cost cost_activate(ern_activation kind, size_t values, bool backward, siz
                 .bytes = n * (backward ? 3 : 2) * (double)real};
 }
 
-/* `flops` and `reals` an item; bytes: `ints` on top. */
+/* `flops` and `reals` for each item; bytes: `ints` are added. */
 static cost cost_each(const char *name, const char *item, size_t n, double flops, double reals, double ints,
                       size_t real) {
   const double items = (double)n;
@@ -182,7 +182,7 @@ static cost cost_update(const struct ern_bench_call *call, size_t real) {
     case ERN_BENCH_SLOT_head_loss: return cost_each("head_loss", "ray", a->head_loss.n, 60, 18, 0, real);
     case ERN_BENCH_SLOT_mse: return cost_each("mse", "ray", a->mse.n, 12, 9, 0, real);
     case ERN_BENCH_SLOT_smooth_loss: return cost_each("smooth_loss", "sample", a->smooth_loss.n, 4, 3, 0, real);
-    case ERN_BENCH_SLOT_smooth_points: /* its time is integer arithmetic, Philox's */
+    case ERN_BENCH_SLOT_smooth_points: /* its time is the integer arithmetic of Philox */
       return (cost){"smooth_points", "sample", (double)a->smooth_points.n, 0, 0, 0, 0};
     case ERN_BENCH_SLOT_adamw: return cost_each("adamw", "value", a->adamw.n, 12, 5, 0, real);
     case ERN_BENCH_SLOT_ema: return cost_each("ema", "value", a->ema.n, 3, 3, 0, real);
@@ -227,7 +227,7 @@ static cost cost_torso(const struct ern_bench_call *call, size_t real) {
     case ERN_BENCH_SLOT_picture:
       return cost_each("picture", "pixel", a->picture.n, a->picture.head.buffer != NULL ? 10 : 3,
                        a->picture.head.buffer != NULL ? 5 : 3, 1, real);
-    case ERN_BENCH_SLOT_upsample: /* 7 products and sums a channel and column that is made, 7 across */
+    case ERN_BENCH_SLOT_upsample: /* 7 multiply-adds for each channel and intermediate column, 7 for the rows */
       return cost_each("upsample", "pixel", (size_t)a->upsample.width * (size_t)a->upsample.height,
                        14 * (double)a->upsample.large.rows, 2 * (double)a->upsample.large.rows, 0, real);
     case ERN_BENCH_SLOT_gather:

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * The paper's count of hash collisions, on the samples of a frame. */
+ * Counts hash collisions as in the paper, for the samples of a frame. */
 #include <math.h>
 
 #include "core/floats.h"
@@ -10,7 +10,7 @@
 #include "render/stages.h"
 
 enum {
-  TILE = 1 << 13, /* pixels that are marched in one go */
+  TILE = 1 << 13, /* pixels marched in one batch */
   STEPS = 16,
   RESOLUTION = 512,
   ENTRIES = 1 << 14
@@ -84,7 +84,8 @@ fail:
   return status;
 }
 
-/* Into [0, 1]: about their middle, by one factor, so that the longest side of their box fills it. */
+/* Scales the points into [0, 1] about their centre by one factor, so that the longest side of their bounding box
+ * becomes 1. */
 static float spread(struct points *points, float bound) {
   float low[3], high[3], side = 0;
   for (int d = 0; d < 3; d++) {

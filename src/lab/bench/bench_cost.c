@@ -38,7 +38,7 @@ static double region_flops(const struct ern_field *field) {
 static double eye_macs(const struct ern_field *field) {
   return ern_field_attends_eye(field) ? ern_bench_mlp_macs(&field->eye) : 0;
 }
-/* Waves: a product and a sine each. */
+/* Sinusoidal encoding: a product and a sine each. */
 static double encoder_flops(const struct ern_field *field) {
   double flops = 0;
   for (int p = 0; p < field->encoder.grids; p++) flops += ern_bench_grid_flops(&field->encoder.grid[p]);
@@ -56,9 +56,9 @@ struct ern_bench_cost ern_bench_cost_written(const struct ern_field *field) {
       .ray = RAY_FLOPS + SH_FLOPS};
 }
 
-/* The audio code is folded into the density's weights of a frame: no products with it. Of the density's last layer only
- * the density itself is left to a sample; its 64 geometry rows and the colour's first layer are one matrix. SH and
- * individual code reach the colour's first layer once a ray. */
+/* The audio code is folded into the density's weights once a frame, so samples need no products with it. A sample
+ * computes only the density row of the density's last layer; its 64 geometry rows and the colour's first layer are
+ * folded into one matrix. SH and individual code enter the colour's first layer once a ray. */
 struct ern_bench_cost ern_bench_cost_folded(const struct ern_field *field) {
   const struct ern_mlp *d = &field->density, *c = &field->colour;
   const double hidden = (double)d->width[0] * d->width[1] + (double)d->width[1] * d->width[2];

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * Each kernel by itself: a training step of the head and one of the torso are made once, the calls of their slots are
- * kept, and each is repeated with the arguments that it had. */
+ * Benchmarks single kernels: runs a training step of the head and one of the torso, records the calls of their slots,
+ * and repeats each call with its arguments. */
 #include <math.h>
 #include <string.h>
 
@@ -11,28 +11,29 @@
 #include "train/trainer.h"
 
 enum {
-  HEAD_RAYS = 3072,   /* about 8000 samples: what a thread works on at a time, in its L2 */
+  HEAD_RAYS = 3072,   /* about 8000 samples: the batch of one thread, which fits its L2 */
   TORSO_RAYS = 16384, /* a third of them on the torso */
-  SOME_CELLS = 8192,  /* of an occupancy refresh */
-  CELLS_A_RAY = 2,    /* where there is more than one thread: a sixteenth of all cells in a step of 65,536 rays */
+  SOME_CELLS = 8192,  /* cells of an occupancy refresh */
+  CELLS_A_RAY = 2,    /* with several threads: a sixteenth of all cells in a step of 65,536 rays */
   MOST_KERNELS = 96
 };
 
-/* How much there is to do: for one thread, or for a device, and whoever is held against it, all that a step has. */
+/* Problem sizes: small for one thread; for a device, and CPU backends compared with it, those of a whole step. */
 struct sizes {
   int threads, head_rays, torso_rays;
   size_t cells;
   uint64_t seed;
 };
 
-/* Several a backend, each with scratch of its own: a kept call's arguments lie in it. */
+/* Several sources for each backend, each with its own scratch memory, to which the arguments of recorded calls point.
+ */
 enum source_kind { HEAD_STEP, HEAD_REFRESH, FRAME, TORSO_STEP, TORSO_REFRESH, SOURCES };
 
 struct source {
   enum source_kind kind;
   struct ern_bench_shim *shim;
-  struct ern_trainer *trainer;   /* NULL: a frame's */
-  struct ern_renderer *renderer; /* of a frame */
+  struct ern_trainer *trainer;   /* NULL: source of a frame */
+  struct ern_renderer *renderer; /* source of a frame */
   struct ern_bench_data data;
   struct subject *subject;
 };
@@ -43,7 +44,7 @@ struct kept {
   struct source *source;
 };
 
-/* A backend and its calls. */
+/* A backend and its recorded calls. */
 struct subject {
   struct ern_backend *backend;
   struct source source[SOURCES];
@@ -55,12 +56,12 @@ struct kernels {
   struct subject *subject; /* [count] */
   size_t count;
   bool alone;                    /* each on one thread */
-  size_t at[ERN_BENCH_BACKENDS]; /* of the kernel at hand, in each subject's list */
+  size_t at[ERN_BENCH_BACKENDS]; /* index of the current kernel in each subject's list */
 };
 
 /* ---- keeping calls ----------------------------------------------------------------------------------------------- */
 
-/* A step's refresh is another source's; what follows the step is its update. */
+/* Whether the source records the call: another source records a step's refresh; calls after the step are its update. */
 static bool wanted(const struct source *source, const struct ern_bench_call *call) {
   const bool update =
       call->slot == ERN_BENCH_SLOT_adamw || call->slot == ERN_BENCH_SLOT_finite || call->slot == ERN_BENCH_SLOT_ema;
@@ -69,7 +70,7 @@ static bool wanted(const struct source *source, const struct ern_bench_call *cal
   return step ? call->section == ERN_BENCH_HEAD || update : true;
 }
 
-/* Of several calls of one kernel in one source the one with the most to do. */
+/* Keeps, of several calls of one kernel in one source, the one with the most work. */
 static ern_status keep(void *user, const struct ern_bench_call *call) {
   struct source *source = user;
   struct subject *subject = source->subject;
@@ -112,7 +113,7 @@ fail:
   return status;
 }
 
-/* A frame of its own size, for what is done to all its pixels. */
+/* Draws a frame of the scene's size, for kernels over all pixels. */
 static ern_status draw_frame(struct source *source, const struct ern_bench_scene *scene, int threads) {
   const ern_camera *camera = &scene->frame.camera;
   ern_context *context = source->subject->backend->context;
@@ -157,7 +158,7 @@ static void free_subject(struct subject *subject) {
 
 /* ---- figures ----------------------------------------------------------------------------------------------------- */
 
-/* Bytes a second of the smallest memory that has room for so many, and its name. */
+/* Stream rate in bytes a second of the smallest memory level that holds `bytes`; *name: of the level. */
 static double stream_of(double bytes, const ern_bench_machine *machine, const ern_bench_peak *peak, bool alone,
                         const char **name) {
   const bool device = peak->units > 0;
@@ -176,7 +177,7 @@ static double stream_of(double bytes, const ern_bench_machine *machine, const er
   return alone ? rate->one : rate->all;
 }
 
-/* The least seconds that the machine would need: for the arithmetic, for the arrays, for the random reads. */
+/* Compares the time with the least times at the machine's peaks: for arithmetic, arrays and random reads. */
 static void compute_share(ern_bench_kernel *kernel, const ern_bench_machine *machine, size_t index, bool alone,
                           size_t real) {
   kernel->share = (double)NAN;
@@ -210,7 +211,7 @@ static ern_status repeat(void *user, size_t which, size_t times) {
   return status == ERN_OK ? ern_bench_shim_finish(kept->source->shim) : status;
 }
 
-/* Kernel number `number` of the first subject, on all of them. */
+/* Measures kernel `number` of the first subject on all subjects. */
 static ern_status measure(struct kernels *kernels, size_t number, double seconds, const ern_bench_machine *machine,
                           int (*say)(void *user, const ern_bench_kernel *kernel), void *user) {
   const struct kept *first = &kernels->subject[0].kept[number];
@@ -226,9 +227,9 @@ static ern_status measure(struct kernels *kernels, size_t number, double seconds
     const struct subject *subject = &kernels->subject[k];
     size_t at = 0;
     while (at < subject->count && strcmp(subject->kept[at].cost.name, first->cost.name) != 0) at++;
-    if (at == subject->count) return ERN_OK; /* not made by all */
+    if (at == subject->count) return ERN_OK; /* not called by all */
     kernels->at[k] = at;
-    /* gradients only grow: what earlier kernels have added is taken away before it overflows */
+    /* gradients accumulate: they are cleared before they overflow */
     const struct ern_trainer *t = subject->kept[at].source->trainer;
     const ern_status zeroed = t != NULL ? t->backend->zero(t->stream, t->gradient) : ERN_OK;
     if (zeroed != ERN_OK) return zeroed;

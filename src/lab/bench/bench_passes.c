@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * A frame and a training step, whole and by stage. They run on a table that looks on, so what is timed is
- * ern_renderer_frame and ern_trainer_step themselves. */
+ * A frame and a training step, whole and by stage. They run on the instrumented backend of bench_shim.c, so
+ * ern_renderer_frame and ern_trainer_step themselves are timed. */
 #include <math.h>
 #include <string.h>
 
@@ -11,7 +11,7 @@
 #include "lab/bench/bench_shared.h"
 #include "train/trainer.h"
 
-/* One backend's pass. */
+/* The pass of one backend. */
 struct subject {
   struct ern_bench_shim *shim;
   bool device;
@@ -36,13 +36,14 @@ struct passes {
 
 /* ---- stages ------------------------------------------------------------------------------------------------------ */
 
-/* Stages of a fused pass, and then of the step around it. */
+/* Stages of a fused pass, then those of the surrounding step. */
 enum { STAGE_UPDATE = ERN_PROFILE_STAGES, STAGE_FUSED, STAGE_REFRESH, STAGE_NONE, STAGES };
 static const char *const stage_name[] = {"march",    "encode", "forward", "composite",
                                          "backward", "tables", "update",  "fused"};
-enum { APART = 3 /* calls of a device whose slots are waited for, where they take less than a second */ };
+enum { APART = 3 /* calls of a device that wait for each slot, if they take less than a second */ };
 
-/* Where a slot that was called in the head's section belongs; outside of it all is refresh but the update. */
+/* The stage of a slot called in the head's section. Outside that section all slots but the update belong to the
+ * refresh. */
 static int stage_of(enum ern_bench_slot slot) {
   switch (slot) {
     case ERN_BENCH_SLOT_rays:
@@ -84,8 +85,8 @@ static int stage_of(enum ern_bench_slot slot) {
   }
 }
 
-/* Of a device: a fused pass has no stages but the slots that it calls. What is left of it is a stage of its own, unless
- * it is what going through the stages costs. */
+/* For a device: the only stages of a fused pass are the slots that it calls. The remaining time is a separate stage,
+ * unless it is only the overhead of running stage by stage. */
 static void fused_seconds(const struct subject *s, double seconds[STAGES]) {
   static const enum ern_bench_slot passes[] = {ERN_BENCH_SLOT_render_rays, ERN_BENCH_SLOT_head_step,
                                                ERN_BENCH_SLOT_torso_step};
@@ -97,7 +98,7 @@ static void fused_seconds(const struct subject *s, double seconds[STAGES]) {
   if (s->pass->fused) seconds[STAGE_FUSED] = whole - parts;
 }
 
-/* Seconds of all calls since the shim was cleared. A fused pass that has filled its profile knows better. */
+/* Seconds of all calls since the shim was cleared. If a fused pass has filled its profile, the profile is used. */
 static void stage_seconds(const struct subject *s, double seconds[STAGES]) {
   const struct ern_profile *profile = ern_bench_shim_profile(s->shim);
   double filled = 0;
@@ -145,14 +146,14 @@ static ern_status make_trainer(struct subject *s, const ern_bench_options *optio
                                 options->threads, options->seed);
 }
 
-/* The peaks of all threads. */
+/* Compares with the peaks of all threads. */
 static void compute_share(ern_bench_pass *pass, const ern_bench_machine *machine, size_t index) {
   pass->share = (double)NAN;
   if (machine != NULL && index < machine->peaks && pass->flops > 0)
     pass->share = pass->flops / pass->seconds.least / machine->peak[index].flops.all;
 }
 
-/* What was summed so far was cold. */
+/* Drops the sums of the cold calls so far. */
 static void forget(void *user, size_t which) {
   struct passes *passes = user;
   struct subject *s = &passes->subject[which];
@@ -162,7 +163,8 @@ static void forget(void *user, size_t which) {
   s->calls = 0;
 }
 
-/* A device builds its kernels when they are first called, which can take so long that it would count as a reading. */
+/* Calls each pass once, because a device builds its kernels at the first call. That can take so long that it would
+ * count as a reading. */
 static ern_status build(struct passes *passes, ern_status (*work)(void *user, size_t which, size_t times)) {
   ern_status status = ERN_OK;
   for (size_t k = 0; k < passes->count && status == ERN_OK; k++)
@@ -170,7 +172,7 @@ static ern_status build(struct passes *passes, ern_status (*work)(void *user, si
   return status;
 }
 
-/* The stages of a device: calls after the timed ones, for waiting for each slot takes time of its own. */
+/* Measures the stages of a device in calls after the timed ones, because waiting for each slot adds time. */
 static ern_status call_apart(struct passes *passes, size_t which, const ern_bench_timing *timing,
                              ern_status (*work)(void *user, size_t which, size_t times)) {
   struct subject *s = &passes->subject[which];
@@ -219,8 +221,8 @@ static void sum_frame(struct subject *s) {
   add_stage(pass, "output", s->times.output * 1e-3 / n);
 }
 
-/* Samples of a frame: as a fused pass counted them; of a fused one that does not, a device's, those of the scene; by
- * stages all that were marched. */
+/* Counts the samples of a frame: from the profile of a fused pass; for a device's fused pass, which has none, from the
+ * scene; stage by stage, all marched samples. */
 static ern_status count_frame(struct subject *s) {
   const struct ern_profile *profile = ern_bench_shim_profile(s->shim);
   const struct ern_field *field = &s->scene->model->field;
@@ -291,7 +293,7 @@ fail:
 
 /* ---- a step ------------------------------------------------------------------------------------------------------ */
 
-/* The step of number 1, or one with a refresh, past the first ones that look at all cells, and its smoothness term. */
+/* Runs step 1, or a step with a refresh (after the first refreshes, which visit all cells) and the smoothness term. */
 static ern_status step(void *user, size_t which, size_t times) {
   struct passes *passes = user;
   struct subject *s = &passes->subject[which];
@@ -323,7 +325,7 @@ static void sum_plain_step(struct subject *s, bool torso) {
       pass->evaluated * (torso ? ern_bench_cost_torso_step(field, true) : ern_bench_cost_head_step(field, true));
 }
 
-/* Adds to a plain step its share of what some steps have more. */
+/* Adds to a plain step its share of the extra work that only some steps do. */
 static void add_sixteenth(struct subject *s, const ern_bench_timing *more, bool torso) {
   ern_bench_pass *pass = s->pass;
   double seconds[STAGES];
@@ -334,7 +336,7 @@ static void add_sixteenth(struct subject *s, const ern_bench_timing *more, bool 
   add_stage(pass, "refresh", refresh);
   add_stage(pass, "smoothness", smooth);
   pass->seconds.least += refresh + smooth;
-  pass->seconds.median += refresh + smooth; /* the processor time stays that of the plain step */
+  pass->seconds.median += refresh + smooth; /* the CPU time stays that of the plain step */
 }
 
 static ern_status take_steps(struct passes *passes, bool sixteenth, double seconds, ern_bench_timing *timing) {

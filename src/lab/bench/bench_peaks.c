@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * The peaks of the machine: multiply-adds and random reads by instruction set and device, streams by the size of what
- * they run over. */
+ * Measures the machine's peaks: multiply-adds and random reads for each instruction set and device, and stream
+ * bandwidth by working-set size. */
 #include <string.h>
 #include <unistd.h>
 
@@ -17,11 +17,11 @@
 enum {
   MULTIPLY_TURNS = 1 << 14, /* a call lasts a tenth of a millisecond or so */
   GATHER_TURNS = 1 << 12,
-  PARTS = 5, /* of a progress: multiply, gather, streams of L2, of L3 and caches of devices, of memory */
+  PARTS = 5, /* of the progress: multiply, gather, streams of L2, of L3 and device caches, of memory */
   STREAMS = 3
 };
 
-/* A device to be measured, and what its loops write and read. */
+/* A device to be measured, and the buffers of its loops. */
 struct device {
   struct ern_backend *backend; /* NULL: the CPU */
   struct ern_stream *stream;
@@ -39,7 +39,7 @@ struct load {
   const float *table; /* [ERN_PEAK_TABLE] */
   ern_peak_copy_loop *copy;
   ern_peak_update_loop *update;
-  float *from, *to; /* of memcpy, a copy or an update: a slice a thread */
+  float *from, *to; /* of memcpy, a copy or an update: one slice for each thread */
   size_t slice;     /* floats; 0: no copy */
   size_t times;
   double each; /* operations of a call on one thread */
@@ -67,7 +67,7 @@ static void load_task(void *user, size_t index, int worker) {
         load->update(to, load->slice);
       else
         memcpy(to, from, load->slice * sizeof *to);
-      __asm__ volatile("" ::: "memory"); /* or a copy that is overwritten by the next may be left out */
+      __asm__ volatile("" ::: "memory"); /* else the compiler may drop a copy that the next one overwrites */
       done = 2.0 * (double)load->slice * sizeof *to;
     }
     if (index == 0) load->each = done;
@@ -105,7 +105,7 @@ static ern_status run_load(void *user, size_t which, size_t times) {
   return ERN_OK;
 }
 
-/* Every load once on all threads or its device, the CPU's once on one thread before. */
+/* Plans each load on all threads or its device; before that, each CPU load on one thread. */
 static void plan(struct peaks *peaks) {
   peaks->turns = 0;
   for (size_t k = 0; k < peaks->count; k++)
@@ -114,11 +114,11 @@ static void plan(struct peaks *peaks) {
   for (size_t k = 0; k < peaks->count; k++) peaks->turn[peaks->turns++] = k;
 }
 
-/* unrest: grows to the largest median over least of all threads; NULL: not wanted. */
+/* unrest: raised to the largest median / least of the readings of all threads; NULL: not requested. */
 static ern_status measure(struct peaks *peaks, double seconds, ern_bench_rate *rate, size_t rate_step, double *unrest) {
   ern_bench_timing timing[ERN_BENCH_TURNS];
   plan(peaks);
-  for (size_t k = 0; k < peaks->count; k++) { /* a device may build the loop first, which can take seconds */
+  for (size_t k = 0; k < peaks->count; k++) { /* warm-up: a device may build the loop first, which can take seconds */
     peaks->load[k].times = 1;
     const ern_status built = peaks->load[k].stream != NULL ? run_on_device(&peaks->load[k]) : ERN_OK;
     if (built != ERN_OK) return built;
@@ -142,7 +142,7 @@ static ern_status measure(struct peaks *peaks, double seconds, ern_bench_rate *r
     if (unrest != NULL && timing[t].median > *unrest * timing[t].least) *unrest = timing[t].median / timing[t].least;
     out->all = load->each * (load->stream != NULL ? 1 : (double)peaks->threads) / timing[t].least;
     if (load->stream != NULL) out->one = out->all;
-    if (out->all < out->one) out->all = out->one; /* all of them can do what one can: they were not let */
+    if (out->all < out->one) out->all = out->one; /* all threads can do what one can: other programs interfered */
   }
   return status;
 }
@@ -180,7 +180,7 @@ static struct load load_of_device(const struct device *device, enum ern_opencl_l
                                      .table = {device->table, 0, ERN_OPENCL_PEAK_TABLE}}};
 }
 
-/* `bytes` of each of the two arrays: the best of a copy, an update in place and the driver's copy. */
+/* `bytes`: of each of the two arrays. Takes the fastest of a copy, an update in place and the driver's copy. */
 static ern_status stream_device(struct device *device, size_t bytes, double seconds, ern_bench_rate *rate) {
   static const enum ern_opencl_loop loops[STREAMS] = {ERN_OPENCL_COPY, ERN_OPENCL_UPDATE, ERN_OPENCL_MOVE};
   const size_t block = ERN_OPENCL_PEAK_BLOCK * sizeof(float), blocks = bytes / block > 0 ? bytes / block : 1;
@@ -208,7 +208,7 @@ fail:
 
 static size_t between(size_t value, size_t low, size_t high) { return value < low ? low : value > high ? high : value; }
 
-/* One of the two streams; the cache's is the memory's where the driver does not say how large it is. */
+/* Measures one of the two streams. If the driver does not report the cache size, the cache's stream is the memory's. */
 static ern_status stream_devices(struct device *devices, ern_bench_machine *machine, bool memory, double seconds) {
   for (size_t k = 0; k < machine->peaks; k++) {
     struct device *device = &devices[k];
@@ -227,7 +227,7 @@ static ern_status stream_devices(struct device *devices, ern_bench_machine *mach
 
 /* ---- by instruction set ------------------------------------------------------------------------------------------ */
 
-/* What an instruction set does. */
+/* The loops of an instruction set. */
 struct loops {
   ern_peak_multiply_loop *multiply;
   ern_peak_gather_loop *gather;
@@ -306,7 +306,7 @@ static const char *last_isa(const ern_bench_machine *machine) {
   return isa;
 }
 
-/* `bytes` of each of the two arrays, on each thread: the best of memcpy, a copy and an update in place. */
+/* `bytes`: of each of the two arrays, on each thread. Takes the fastest of memcpy, a copy and an update in place. */
 static ern_status measure_stream(ern_context *context, struct ern_pool *pool, const ern_bench_machine *machine,
                                  size_t bytes, double seconds, ern_bench_rate *rate) {
   const size_t threads = (size_t)machine->threads;
@@ -321,7 +321,7 @@ static ern_status measure_stream(ern_context *context, struct ern_pool *pool, co
     return ern_fail(context, ERN_E_NO_MEMORY, "bench: %zu arrays of %zu bytes do not fit", threads, bytes);
   ERN_TRY(ERN_NEW(context, all / sizeof *from, &from));
   ERN_TRY(ERN_NEW(context, all / sizeof *to, &to));
-  memset(from, 1, all); /* pages of their own: fresh ones are all the same page of zeros */
+  memset(from, 1, all); /* commits the pages: fresh ones all map to one page of zeros */
   memset(to, 2, all);
   for (size_t k = 0; k < STREAMS; k++)
     peaks.load[k] = (struct load){.from = from, .to = to, .slice = bytes / sizeof(float)};
@@ -342,7 +342,7 @@ static ern_status measure_streams(ern_context *context, struct device *devices, 
                                   struct ern_pool *pool, ern_bench_machine *machine) {
   const size_t threads = (size_t)machine->threads, line = 64 * sizeof(float);
   const double seconds = options->seconds / PARTS;
-  /* L2 is a core's own; L3 and memory are shared, so threads divide them */
+  /* each core has its own L2; L3 and memory are shared, so the threads divide them */
   const size_t l2 = machine->l2_bytes / 4 / line * line;
   const size_t l3 = between(machine->l3_bytes / 4 / threads, l2, machine->l3_bytes) / line * line;
   const size_t memory = between(4 * machine->l3_bytes, (size_t)64 << 20, (size_t)512 << 20) / threads / line * line;

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * What is measured on: a model of one's own, or one that is made up and looks like a lightly trained portrait to the
- * clock: where samples are, how many, and when the light is spent. */
+ * The scene of the benchmarks: a user's model, or a synthetic one with the cost of a lightly trained portrait: position
+ * and number of samples, and the sample at which the transmittance is used up. */
 #include <math.h>
 #include <string.h>
 
@@ -21,12 +21,12 @@ enum {
   MADE_WINDOW = 16,
   MADE_CODES = 8,
   CELLS = 128,
-  TILE = 1 << 13, /* pixels that are looked at in one go */
+  TILE = 1 << 13, /* pixels processed in one batch */
   MAX_SIDE = 8192
 };
 
 /* The head is a shell about the ellipsoid q = (x/a)^2 + (y/b)^2 + (z/c)^2 = 1, log density HEIGHT - SLOPE |1 - q|.
- * Chosen so that 450 x 450 pixels give about 2.7 samples a pixel, nine in ten of them before the light is spent. */
+ * Chosen so that 450 x 450 pixels give about 2.7 samples a pixel, 90 % of them before the transmittance is used up. */
 static const float semi_axis[3] = {0.42f, 0.38f, 0.32f};
 static const float shell_height = 5.1f, shell_slope = 24;
 
@@ -47,7 +47,7 @@ static void clear_row(float *weights, int columns, int row) {
   for (int c = 0; c < columns; c++) weights[row * columns + c] = 0;
 }
 
-/* Three hidden units carry 1 - q, q - 1 and 1 to the density; the other 61 stay as they were drawn. */
+/* Three hidden units carry 1 - q, q - 1 and 1 to the density; the other 61 keep their random weights. */
 static void shape_density(float *block, const struct ern_field *field) {
   const int levels = field->config.levels, ins = field->density.width[0], hidden = field->density.width[1];
   const float s[3] = {1 / (semi_axis[0] * semi_axis[0]), 1 / (semi_axis[1] * semi_axis[1]),
@@ -70,8 +70,8 @@ static void shape_density(float *block, const struct ern_field *field) {
   last[2] = shell_height;
 }
 
-/* Where a refresh would find density: above min(mean over all cells, 10), cells grown by one as by its maximum over
- * neighbours. */
+/* Marks the cells that a refresh would mark: density above min(mean over all cells, 10), dilated by one cell as by its
+ * maximum over neighbours. */
 static void shape_occupancy(uint8_t *bits) {
   const float grown = 2.0f / CELLS;
   double mean = 0;
@@ -111,11 +111,11 @@ static ern_status make_model(ern_context *context, uint64_t seed, ern_model **mo
   float *block = (*model)->block;
   ern_parameters_init(block, &(*model)->table, false, seed);
   ern_parameters_init(block, &(*model)->table, true, seed);
-  for (int p = 0; p < ERN_PLANES; p++) /* from 1e-4, where a training starts, to where it goes */
+  for (int p = 0; p < ERN_PLANES; p++) /* from 1e-4, the initial scale, to the scale of a trained model */
     for (size_t i = 0; i < field->encoder.grid[p].entries; i++) block[field->encoder.table[p] + i] *= 1e3f;
   shape_density(block, field);
   shape_occupancy((*model)->bits);
-  memset((*model)->clip, '0', sizeof(*model)->clip - 1); /* an identity of its own: nobody asks which clip it is of */
+  memset((*model)->clip, '0', sizeof(*model)->clip - 1); /* a placeholder identity: no code checks its clip */
   /* the torso: the lower third, from left to right */
   for (size_t c = 0; c < ERN_TORSO_SIDE; c++)
     for (size_t r = ERN_TORSO_SIDE * 2 / 3; r < ERN_TORSO_SIDE; r++)
@@ -125,7 +125,7 @@ static ern_status make_model(ern_context *context, uint64_t seed, ern_model **mo
 
 /* ---- the frame --------------------------------------------------------------------------------------------------- */
 
-/* From the front, at the distance and focal length of a clip: the picture is 1.5 wide where the head is. */
+/* A front view at the distance and focal length of a clip: the picture is 1.5 wide at the head. */
 static ern_camera front_camera(int width, int height) {
   return (ern_camera){.pose = {0, -1, 0, 0, 0, 0, -1, 3.6f, 1, 0, 0, 0, 0, 0, 0, 1},
                       .focal = 2.4f * (float)height,
@@ -223,7 +223,7 @@ void ern_bench_scene_free(ern_bench_scene **scene) {
 
 /* ---- what is in it ----------------------------------------------------------------------------------------------- */
 
-/* The scene on a backend, for as long as it is counted. */
+/* The scene on a backend, while its samples are counted. */
 struct count {
   struct ern_stream *stream;
   struct ern_buffer *reals, *bytes, *numbers;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * What the benchmarks share: taking turns with a clock, options, the scene. Internal. */
+ * Shared parts of the benchmarks: timing in turns, options, the scene. Internal. */
 #ifndef ERN_LAB_BENCH_SHARED_H
 #define ERN_LAB_BENCH_SHARED_H
 
@@ -7,38 +7,38 @@
 #include "ernerf-lab/bench.h"
 #include "model/model.h"
 
-/* ---- taking turns (bench_turns.c) -------------------------------------------------------------------------------- */
+/* ---- timing in turns (bench_turns.c) ----------------------------------------------------------------------------- */
 
-enum { ERN_BENCH_REPEATS = 64 /* most that are kept of one */ };
+enum { ERN_BENCH_REPEATS = 64 /* most readings kept for one item */ };
 
-/* Things to be timed against each other: `work` does the one of number `which`, `times` times over. */
+/* Items to be timed against each other: `work` runs item `which` `times` times. */
 struct ern_bench_turns {
   ern_status (*work)(void *user, size_t which, size_t times);
-  void (*warm)(void *user, size_t which); /* the next readings of `which` count, the ones before did not; may be NULL */
+  void (*warm)(void *user, size_t which); /* called after the warm-up of `which`; may be NULL */
   void *user;
   size_t count;   /* at most ERN_BENCH_TURNS */
-  size_t alone;   /* the first so many have one thread and are read by processor time: others' work is not in it */
+  size_t alone;   /* the first `alone` items have one thread; they are measured in CPU time */
   double seconds; /* for all of them together */
-  double least;   /* seconds that a reading should last at least: calls are repeated to fill it */
+  double least;   /* least duration of a reading, seconds: calls are repeated to fill it */
   int most;       /* repeats, 1..ERN_BENCH_REPEATS */
 };
 enum { ERN_BENCH_TURNS = 2 * ERN_BENCH_BACKENDS };
 
-/* Runs each once to see how long it takes, then in turns until the time is spent. What takes longer than its part of
- * the time is run once more, what takes seconds is not: the look is its reading. timing: [count], seconds of one call.
- */
+/* Runs each item once to estimate its time, then all in turns until the time is used up. An item that takes longer than
+ * its share of the time is run once more. An item that takes seconds is not: its first run is its reading. timing:
+ * [count], seconds of one call. */
 ERN_NODISCARD ern_status ern_bench_take_turns(const struct ern_bench_turns *turns, ern_bench_timing *timing);
 
 /* ---- options ----------------------------------------------------------------------------------------------------- */
 
-/* The caller's or the defaults, checked, into *chosen; backends checked too. */
+/* Copies the caller's options, or the defaults, to *chosen and validates them; validates the backends too. */
 ERN_NODISCARD ern_status ern_bench_choose(ern_backend *const *backends, size_t count, const ern_bench_options *options,
                                           ern_bench_options *chosen);
-/* Whether a backend is not the CPU; compute units of such a one; how many of them there are. */
+/* Whether a backend is a device (not the CPU); compute units of a device; number of devices among the backends. */
 bool ern_bench_is_device(const ern_backend *backend);
 unsigned ern_bench_units(const ern_backend *device);
 size_t ern_bench_devices(ern_backend *const *backends, size_t count);
-/* Tells the caller's hook; its answer becomes ERN_E_CANCELLED. */
+/* Calls the caller's hook; ERN_E_CANCELLED if that returns non-zero. */
 ERN_NODISCARD ern_status ern_bench_progress(ern_context *context, const ern_bench_options *options, size_t done,
                                             size_t all);
 
@@ -55,8 +55,8 @@ struct ern_bench_scene {
   bool made_up;
 };
 
-/* ern_bench_scene_describe on the CPU, for passes that do not count: all backends look at the same points, and a frame
- * stops where `lit` does. */
+/* ern_bench_scene_describe on the CPU, for passes that do not count samples: all backends process the same points, and
+ * a frame stops where `lit` does. */
 ERN_NODISCARD ern_status ern_bench_scene_count(const struct ern_bench_scene *scene, ern_bench_scene_info *info);
 
 static inline struct ern_view ern_bench_view(const struct ern_bench_scene *scene) {
@@ -68,12 +68,11 @@ static inline struct ern_view ern_bench_view(const struct ern_bench_scene *scene
   return view;
 }
 
-/* ---- a table that looks on (bench_shim.c) --------------------------------------------------------------------------
- */
+/* ---- an instrumented backend (bench_shim.c) ---------------------------------------------------------------------- */
 
-/* What runs while a slot is called. */
+/* The pass that calls a slot. */
 enum ern_bench_section {
-  ERN_BENCH_OUTSIDE, /* of the three below: speech, refresh, update */
+  ERN_BENCH_OUTSIDE, /* none of the three below: speech, refresh, update */
   ERN_BENCH_HEAD,    /* render_rays, head_step, torso_step */
   ERN_BENCH_TORSO,   /* render_torso */
   ERN_BENCH_DENSITY, /* head_density */
@@ -91,81 +90,81 @@ union ern_bench_args {
 #undef ERN_BENCH_MEMBER
 };
 
-/* One call of a slot, kept to be repeated; what its arguments point to is the stream's. */
+/* A recorded call of a slot, for repetition; its arguments point to memory of the stream. */
 struct ern_bench_call {
   enum ern_bench_slot slot;
   enum ern_bench_section section;
   union ern_bench_args args;
 };
 
-/* A backend whose slots are another's, timed. Its streams are made on it and given to it; the first is the one that
- * is looked at, with its workers. `staged`: fused slots go through the stages, so that their kernels are called.
+/* A backend that wraps another one and times its slots. Streams are created on the shim and passed to it; the first
+ * stream, with its workers, is the one measured. `staged`: fused slots run stage by stage, so that their kernels are
+ * called.
  *
- * A device's slots return before their kernels have run, and waiting for each makes all of them slower: so they are
- * waited for, and their seconds are true, only while the shim holds them apart. */
+ * A device's slots return before their kernels have run. Waiting for each slot slows all of them down, so the shim
+ * waits, and the times of slots are valid, only in the mode of ern_bench_shim_apart. */
 struct ern_bench_shim;
 ERN_NODISCARD ern_status ern_bench_shim_make(struct ern_backend *backend, bool staged, struct ern_bench_shim **shim);
 void ern_bench_shim_free(struct ern_bench_shim *shim);               /* accepts NULL */
 struct ern_backend *ern_bench_shim_backend(struct ern_bench_shim *); /* lives as long as the shim */
 
-/* Of a device: from now on each slot is waited for, or no longer is. Nothing to the CPU. */
+/* For a device: switches waiting after each slot on or off. No effect on the CPU. */
 void ern_bench_shim_apart(struct ern_bench_shim *shim, bool apart);
-/* All that was called on the stream that is looked at is done, and its figures are there: the end of a timed call. */
+/* Ends a timed call: waits for all work on the measured stream and collects its figures. */
 ERN_NODISCARD ern_status ern_bench_shim_finish(struct ern_bench_shim *shim);
 
 struct ern_profile;
 /* Sets all sums to 0. */
 void ern_bench_shim_clear(struct ern_bench_shim *shim);
-/* Seconds since then in calls of one slot in one section: of all threads together, over their number. */
+/* Seconds since ern_bench_shim_clear in calls of one slot in one section: sum over all threads / number of threads. */
 double ern_bench_shim_seconds(const struct ern_bench_shim *shim, enum ern_bench_section section,
                               enum ern_bench_slot slot);
-/* What fused passes filled in. */
+/* The profile that fused passes filled in. */
 const struct ern_profile *ern_bench_shim_profile(const struct ern_bench_shim *shim);
-/* Samples that stages marched since then, where no fused pass counted them. */
+/* Samples that stages marched since ern_bench_shim_clear, where no fused pass counted them. */
 double ern_bench_shim_marched(const struct ern_bench_shim *shim);
-int ern_bench_shim_threads(const struct ern_bench_shim *shim); /* of a device its compute units */
+int ern_bench_shim_threads(const struct ern_bench_shim *shim); /* for a device its compute units */
 
-/* Keeps the calls made from now on, inside the head's and the torso's sections or outside too; NULL: no more. The call
- * is told with its arguments as they were after it; their scratch stays theirs. */
+/* Reports each call from now on to on_call; NULL: stops. The arguments have their values after the call; their scratch
+ * memory remains the stream's. */
 void ern_bench_shim_listen(struct ern_bench_shim *shim,
                            ern_status (*on_call)(void *user, const struct ern_bench_call *), void *user);
 /* Repeats a call on the stream that it was made on, untimed. */
 ERN_NODISCARD ern_status ern_bench_shim_repeat(struct ern_bench_shim *shim, struct ern_bench_call *call);
 
-/* ---- a trainer on the scene (bench_trainer.c) ----------------------------------------------------------------------
- */
+/* ---- a trainer on the scene (bench_trainer.c) -------------------------------------------------------------------- */
 
 struct ern_trainer;
-/* Where the trainer's data lives: it is handed out by callbacks. */
+/* The trainer's data, which callbacks return. */
 struct ern_bench_data {
   const struct ern_bench_scene *scene;
   ern_features features;
   float matrix[16];
 };
-/* A trainer that learns nothing (rates of 0) and holds the scene's model. Each step is the one of number 1, or with
- * refresh and smoothness a later one. */
+/* A trainer with learning rates of 0 that holds the scene's model. Each step repeats step 1 or, with refresh and
+ * smoothness, a later one. */
 ERN_NODISCARD ern_status ern_bench_trainer_make(struct ern_trainer **trainer, struct ern_bench_data *data,
                                                 struct ern_backend *backend, const struct ern_bench_scene *scene,
                                                 bool torso, int rays, int threads, uint64_t seed);
-/* The scene's occupancy again, after a refresh. */
+/* Restores the scene's occupancy after a refresh. */
 ERN_NODISCARD ern_status ern_bench_trainer_restore(struct ern_trainer *trainer, const struct ern_bench_scene *scene);
 
-/* ---- what a call costs (bench_calls.c) -----------------------------------------------------------------------------
- */
+/* ---- cost of a call (bench_calls.c) ------------------------------------------------------------------------------ */
 
 struct ern_bench_call_cost {
-  const char *name, *item; /* name NULL: too small to be worth a line */
+  const char *name, *item; /* name NULL: too small to report */
   double items, flops_written, flops, bytes, reads;
 };
 struct ern_bench_call_cost ern_bench_call_cost(const struct ern_bench_call *call, const struct ern_field *field,
                                                size_t real_bytes);
 
-/* ---- what the model costs (bench_cost.c) ------------------------------------------------------------------------- */
+/* ---- cost of the model (bench_cost.c) ---------------------------------------------------------------------------- */
 
 /* Multiply-adds of one sample. */
 double ern_bench_mlp_macs(const struct ern_mlp *mlp);
-/* Of the backward pass: gradients of the weights and of the hidden values, and of `inputs` rows of the input. The
- * kernels compute the hidden values again on top (`again`: without the last layer, whose output is not needed). */
+/* Multiply-adds of the backward pass: gradients of the weights, of the hidden values, and of `inputs` rows of the
+ * input. `again`: also the recomputation of the hidden values by the kernels, without the last layer, whose output is
+ * not needed. */
 double ern_bench_mlp_bwd_macs(const struct ern_mlp *mlp, int inputs, bool again);
 /* FLOP of interpolation, weights and position of one sample in all levels of a grid; reads of its table. */
 double ern_bench_grid_flops(const struct ern_grid *grid);
@@ -173,14 +172,14 @@ double ern_bench_grid_reads(const struct ern_grid *grid);
 
 /* FLOP of the head's model. */
 struct ern_bench_cost {
-  double density, colour; /* of a sample: encoder to density; colour on top */
-  double ray;             /* of a ray */
+  double density, colour; /* for each sample: from the encoder to the density; the additional cost of the colour */
+  double ray;             /* for each ray */
 };
 struct ern_bench_cost ern_bench_cost_written(const struct ern_field *field);
 struct ern_bench_cost ern_bench_cost_folded(const struct ern_field *field);
-/* Of a sample of a training step, forward and backward. */
+/* FLOP of a sample in a training step, forward and backward. */
 double ern_bench_cost_head_step(const struct ern_field *field, bool again);
-/* Of a pixel of the torso: forward; and backward too. */
+/* FLOP of a pixel of the torso: forward; forward and backward. */
 double ern_bench_cost_torso(const struct ern_field *field);
 double ern_bench_cost_torso_step(const struct ern_field *field, bool again);
 

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * A dispatch table whose slots are another's with a clock around each. Rendering and training run on it unchanged, so
- * that a frame or a step is what its public function does and not a copy of it. */
+ * A dispatch table that wraps another one and times each slot. Rendering and training run on it unchanged, so the
+ * public functions themselves are measured. */
 #include "lab/bench/bench_shared.h"
 
 #include <string.h>
@@ -23,25 +23,25 @@ struct sums {
 };
 
 struct ern_bench_shim {
-  struct ern_cpu_backend cpu; /* first: the shim is a backend, with the real one's kernels; of a device a table alone */
+  struct ern_cpu_backend cpu; /* first: the shim is a backend with the real one's kernels; device: only a table */
   struct ern_backend *real;
   struct ern_stream *main;
   enum ern_bench_section section;
   bool staged, device;
-  bool apart;  /* each slot of a device is waited for */
-  bool within; /* a slot of a device that may call others: they are part of it */
+  bool apart;  /* waits for each slot of a device */
+  bool within; /* inside a device's slot that calls other slots: those count as part of it */
   struct ern_profile profile;
   ern_status (*on_call)(void *user, const struct ern_bench_call *call);
   void *user;
-  struct ern_arena_mark furthest; /* of the stream's scratch while calls were reported */
-  struct sums *sums; /* [1 + MOST_LANES]: the stream itself, in wall time with all its threads; its workers */
+  struct ern_arena_mark furthest; /* largest use of the stream's scratch while calls were reported */
+  struct sums *sums; /* [1 + MOST_LANES]: [0]: the stream, in wall-clock time with all its threads; its workers */
 };
 
 static const struct ern_cpu_stream *cpu_stream(const struct ern_bench_shim *shim) {
   return (const struct ern_cpu_stream *)shim->main;
 }
 
-/* Where a call on `stream` is summed; NULL: a stream that is not looked at. */
+/* The sums for calls on `stream`; NULL: not measured. */
 static struct sums *sums_of(struct ern_bench_shim *shim, const struct ern_stream *stream) {
   if (shim->main == NULL) return NULL;
   if (stream == shim->main) return &shim->sums[0];
@@ -95,14 +95,14 @@ ERN_SLOTS(SHIM_SLOT)
 
 static ern_status counted_scan(struct ern_stream *stream, struct ern_scan_args *args) {
   struct ern_bench_shim *shim = shim_of(stream);
-  if (shim->within) return shim->real->scan(stream, args); /* of something else than samples */
+  if (shim->within) return shim->real->scan(stream, args); /* not a scan over samples */
   const ern_status status = timed_scan(stream, args);
   struct sums *sums = sums_of(shim, stream);
   if (sums != NULL && status == ERN_OK) sums->marched += (double)args->total;
   return status;
 }
 
-/* The fused ones open a section; where they have a profile it is ours. */
+/* Fused slots open a section; if they take a profile, it is the shim's. */
 #define SHIM_SECTION(slot, opened, prepare)                                                                  \
   static ern_status section_##slot(struct ern_stream *stream, struct ern_##slot##_args *args) {              \
     struct ern_bench_shim *shim = shim_of(stream);                                                           \
@@ -121,8 +121,8 @@ SHIM_SECTION(render_torso, ERN_BENCH_TORSO, (void)0)
 SHIM_SECTION(head_density, ERN_BENCH_DENSITY, (void)0)
 #undef SHIM_SECTION
 
-/* The CPU's slots look for their kernels behind the stream's table, so the stream is made on the shim. A device's
- * stream knows its own backend: it is made there, and given the shim's table. */
+/* The CPU's slots find their kernels through the stream's table, so the stream is created on the shim. A device's
+ * stream stores its backend, so it is created on that and then gets the shim's table. */
 static ern_status stream_make(struct ern_backend *backend, int threads, struct ern_stream **stream) {
   struct ern_bench_shim *shim = (struct ern_bench_shim *)backend;
   const ern_status status = shim->real->stream_make(shim->device ? shim->real : backend, threads, stream);
@@ -234,7 +234,7 @@ void ern_bench_shim_listen(struct ern_bench_shim *shim,
   if (on_call != NULL && shim->main != NULL) shim->furthest = ern_arena_mark(shim->main);
   shim->on_call = on_call;
   shim->user = user;
-  /* arguments that were reported lie in scratch that has been given back since: it is not to be given out again */
+  /* reported arguments point to scratch memory that was released since: keeps it from being allocated again */
   if (on_call == NULL && shim->main != NULL) ern_arena_release(shim->main, shim->furthest);
 }
 

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * A trainer on the scene: one frame to learn from, rates of zero, the scene's model in place of fresh values. */
+ * A trainer on the scene: one training frame, learning rates of 0, the scene's model in place of initial values. */
 #include <string.h>
 
 #include "core/memory.h"
@@ -51,7 +51,7 @@ ern_status ern_bench_trainer_restore(struct ern_trainer *t, const struct ern_ben
   return status;
 }
 
-/* A grid that a refresh will not empty, whatever part of the cells it looks at: 0.95 of so much is as much. Cells that
+/* Fills the density grid with values so large that a refresh, which multiplies by 0.95, never empties it. Cells that
  * the camera does not see keep their mark. */
 static ern_status fill_grid(struct ern_trainer *t, const uint8_t *bits) {
   float *grid = NULL;
@@ -67,7 +67,7 @@ fail:
   return status;
 }
 
-/* The scene's values by name: a head alone has a table of its own, without the torso's rows. */
+/* Copies the scene's values by name: the trainer of a head alone has another layout, without the torso's rows. */
 static ern_status take_values(struct ern_trainer *t, const struct ern_bench_scene *scene) {
   const struct ern_model *model = scene->model;
   for (int r = 0; r < t->model->table.rows; r++) {
@@ -90,7 +90,7 @@ ern_status ern_bench_trainer_make(struct ern_trainer **trainer, struct ern_bench
   ern_train_config config = ern_train_config_default();
   union {
     const float *read;
-    float *features; /* the trainer reads them only */
+    float *features; /* the trainer only reads them */
   } windows = {.read = scene->frame.windows};
   data->scene = scene;
   data->features =

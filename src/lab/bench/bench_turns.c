@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * A clock, and things that take turns under it. */
+ * Timing of several items in turns. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -21,7 +21,7 @@ ern_status ern_bench_choose(ern_backend *const *backends, size_t count, const er
                             ern_bench_options *chosen) {
   *chosen = options != NULL ? *options : ern_bench_options_default();
   ERN_NEED(NULL, backends);
-  if (count < 1) return ERN_E_ARGUMENT; /* no context to say it in */
+  if (count < 1) return ERN_E_ARGUMENT; /* no context for a message */
   ERN_NEED(NULL, backends[0]);
   ern_context *context = backends[0]->context;
   if (count > ERN_BENCH_BACKENDS)
@@ -62,12 +62,12 @@ ern_status ern_bench_progress(ern_context *context, const ern_bench_options *opt
 
 /* ---- turns ------------------------------------------------------------------------------------------------------- */
 
-/* The readings of one of the things. */
+/* The readings of one item. */
 struct reading {
   size_t times; /* calls in a reading */
   int wanted, taken;
   double seconds[ERN_BENCH_REPEATS]; /* of a call */
-  double cpu;                        /* the least of a call */
+  double cpu;                        /* least CPU time of a call */
 };
 
 static double processor_seconds(void) {
@@ -99,8 +99,8 @@ static ern_bench_timing summary(struct reading *reading) {
       .least = s[0], .median = (s[(n - 1) / 2] + s[n / 2]) / 2, .cpu = reading->cpu, .repeats = n};
 }
 
-/* How often a reading repeats its call, and how many readings there will be. The first call is cold (fresh memory,
- * empty caches), so it counts only where it takes so long that it does not matter. */
+/* Chooses how often a reading repeats its call, and the number of readings. The first call is cold (fresh memory, empty
+ * caches), so it counts only if it takes so long that this does not matter. */
 static ern_status look(const struct ern_bench_turns *turns, size_t which, struct reading *reading) {
   const double part = turns->seconds / (double)turns->count;
   reading->times = 1;
@@ -127,7 +127,7 @@ ern_status ern_bench_take_turns(const struct ern_bench_turns *turns, ern_bench_t
   }
   for (int round = 0; round < rounds; round++)
     for (size_t k = 0; k < turns->count; k++) {
-      /* spread over the rounds: the slow ones take part in few, but not all in the first */
+      /* spreads the readings of an item over the rounds: slow items run in few rounds, not all in the first */
       if ((round + 1) * reading[k].wanted / rounds == round * reading[k].wanted / rounds) continue;
       const ern_status status = read_one(turns, k, &reading[k]);
       if (status != ERN_OK) return status;

@@ -6,7 +6,7 @@
 
 #include "core/memory.h"
 
-enum { AXIS_BITS = 21 }; /* of a cell's number along one axis, three of which make a key */
+enum { AXIS_BITS = 21 }; /* bits of a cell index along one axis; three make a key */
 
 static uint64_t cell_along(float u, uint32_t resolution) {
   const float most = (float)resolution - 1, cell = floorf(u * (float)resolution);
@@ -18,7 +18,7 @@ static int by_key(const void *a, const void *b) {
   return (left > right) - (left < right);
 }
 
-/* Sorts the keys and leaves each once; how many there are. */
+/* Sorts the keys and removes duplicates; returns their number. */
 static size_t distinct(uint64_t *key, size_t n) {
   size_t kept = 0;
   qsort(key, n, sizeof *key, by_key);
@@ -44,7 +44,7 @@ static uint64_t vertex(uint64_t cell, int b, const struct ern_collision_level *l
 ern_status ern_collisions_count(ern_context *context, const float *const u[ERN_GRID_MAX_DIMS], size_t n,
                                 const struct ern_collision_level *level, struct ern_collision_count *count) {
   ern_status status = ERN_OK;
-  uint64_t *key = NULL, *owner = NULL; /* owner: 0: nobody's; else the vertex + 1 */
+  uint64_t *key = NULL, *owner = NULL; /* owner: 0: free; else the vertex + 1 */
   *count = (struct ern_collision_count){0};
   ERN_TRY(ERN_NEW(context, n, &key));
   ERN_TRY(ERN_NEW(context, level->entries, &owner));

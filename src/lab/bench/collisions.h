@@ -14,8 +14,8 @@ struct ern_collision_level {
 
 struct ern_collision_count {
   size_t cells;     /* distinct cells that the points lie in */
-  size_t lookups;   /* of their corners, 2^dims a cell: points of one cell look up the same */
-  size_t colliding; /* of these, look-ups whose entry another vertex took before */
+  size_t lookups;   /* of the cells' corners, 2^dims for each cell: points in one cell share them */
+  size_t colliding; /* look-ups whose entry was already taken by another vertex */
 };
 
 /* u: coordinates [n] each, in [0, 1]; others are clamped. ERN_E_NO_MEMORY. */

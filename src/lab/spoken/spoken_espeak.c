@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * espeak-ng, loaded when it is asked for: its sound and the phonemes that it reports. */
+ * Loads espeak-ng on demand, and collects its sound and the phonemes that it reports. */
 #include <string.h>
 
 #include "core/floats.h"
@@ -33,7 +33,7 @@ ern_status ern_spoken_make(ern_context *context, const char *text, const ern_spo
 enum { MOST_SECONDS = 3600 };
 static const char library_name[] = "libespeak-ng.so.1";
 
-/* The functions that are used, under their own names. */
+/* The functions in use, under espeak-ng's names. */
 struct espeak {
   void *library;
   int (*initialize)(espeak_AUDIO_OUTPUT, int, const char *, int);
@@ -44,7 +44,7 @@ struct espeak {
   espeak_ERROR (*terminate)(void);
 };
 
-/* What the callback adds to. */
+/* The output of the callback. */
 struct taking {
   ern_context *context;
   ern_spoken *spoken;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * The mouth of a phoneme, and of phonemes in time. */
+ * Mouth shapes of phonemes, and their course in time. */
 #include <math.h>
 #include <stddef.h>
 #include <string.h>
@@ -9,7 +9,7 @@
 /* By the first letter of espeak-ng's mnemonic, which most of its languages share. Others: a consonant of the tongue. */
 static const struct target {
   char letter;
-  float jaw, width; /* as ern_spoken_mouth has them */
+  float jaw, width; /* as in ern_spoken_mouth */
 } targets[] = {{'a', 1, 0.15f},    {'A', 1, 0},         {'V', 0.8f, 0.05f}, {'E', 0.7f, 0.4f},   {'e', 0.6f, 0.5f},
                {'@', 0.45f, 0},    {'3', 0.5f, -0.3f},  {'I', 0.4f, 0.5f},  {'i', 0.35f, 0.9f},  {'O', 0.8f, -0.5f},
                {'0', 0.8f, -0.3f}, {'o', 0.65f, -0.7f}, {'U', 0.4f, -0.8f}, {'u', 0.3f, -1},     {'y', 0.3f, -0.9f},
@@ -38,7 +38,7 @@ static double share(double start, double end, double seconds) {
 }
 
 void ern_spoken_mouth(const ern_spoken *spoken, double seconds, float *jaw, float *width) {
-  const double reach = 0.12; /* six deviations */
+  const double reach = 0.12; /* six standard deviations */
   double open = 0, wide = 0;
   for (size_t i = 0; i < spoken->count && spoken->phoneme[i].start < seconds + reach; i++) {
     const ern_phoneme *p = &spoken->phoneme[i];

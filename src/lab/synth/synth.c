@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * A made-up clip as a folder, and as a video where asked: drawn frame by frame, written in the public layout, the
- * transforms last, and removed again where it could not be finished. */
+ * Writes the synthetic clip as a folder in the public layout, and optionally as a video: draws it frame by frame,
+ * writes the transforms last, and removes all files after an error. */
 #include <dirent.h>
 #include <errno.h>
 #include <inttypes.h>
@@ -40,17 +40,17 @@ struct work {
     struct ern_synth_person person;
     struct ern_synth_layer torso;
     float (*room)[4]; /* [size][size] */
-  } cast[2];          /* the second one is of a cut alone */
-  size_t cut;         /* the frame from which it is seen */
+  } cast[2];          /* the second is only used by ERN_SYNTH_CUT */
+  size_t cut;         /* the first frame with the second person */
   struct ern_synth_speech speech;
-  ern_spoken spoken;              /* where there is a text */
+  ern_spoken spoken;              /* if there is a text */
   struct ern_synth_curve *curves; /* [frames] */
   ern_sound sound;
   ern_video_writer *video;
   struct ern_pool *pool;
-  size_t first_frame;           /* of the frames that the pool is at */
-  ern_status *outcomes;         /* [threads], of the frames that the pool is at */
-  uint8_t **shown;              /* [threads], of the frames that the pool is at: [size][size][4] for the video */
+  size_t first_frame;           /* of the pool's current batch */
+  ern_status *outcomes;         /* [threads], of the current batch */
+  uint8_t **shown;              /* [threads], of the current batch: [size][size][4] for the video */
   struct ern_synth_desk *desks; /* [threads] */
 };
 
@@ -117,7 +117,8 @@ struct text {
   size_t room, length;
 };
 
-/* before + value with `places` digits after the point + after. A text too short is a mistake of this file: cut off. */
+/* before + value with `places` digits after the point + after. If the buffer is too short, which is an error of this
+ * file, the text is truncated. */
 static void put_number(struct text *text, const char *before, double value, int places, const char *after) {
   static const int64_t powers[] = {1, 10, 100, 1000, 10000, 100000, 1000000};
   const int64_t scaled = llrint(value * (double)powers[places]), size = scaled < 0 ? -scaled : scaled;
@@ -137,7 +138,7 @@ static ern_status frame_path(struct work *work, int part, size_t frame, char **p
   return ern_path_join(work->context, work->folder, name, path);
 }
 
-/* Takes away what was written, for a clip is whole or not there. Failures here change nothing any more. */
+/* Removes all written files, so that no partial clip remains. Ignores errors. */
 static void remove_all(struct work *work) {
   char *path = NULL;
   for (int part = 0; part < PARTS; ++part) {
@@ -220,7 +221,7 @@ static void frame_task(void *user, size_t index, int worker) {
   if (work->video != NULL) ern_synth_desk_show(desk, work->shown[index]);
 }
 
-/* As many frames at a time as there are threads, so that progress is told by the caller's own thread. */
+/* Draws as many frames at a time as there are threads, so that the caller's thread reports progress. */
 static ern_status write_frames(struct work *work) {
   const ern_synth_options *options = work->options;
   const size_t threads = (size_t)ern_pool_threads(work->pool);
@@ -403,7 +404,7 @@ fail:
 
 /* ---- all of it ----------------------------------------------------------------------------------- */
 
-/* A clip without a length is as long as its text. */
+/* Speaks the text; a clip without a given length gets the length of its text. */
 static ern_status speak(struct work *work) {
   const ern_synth_options *options = work->options;
   uint8_t *text = NULL;

@@ -1,14 +1,14 @@
 /* SPDX-License-Identifier: MIT
- * The camera of the made-up clip: the head stands still in its own frame, the camera moves round it. */
+ * The camera of the synthetic clip, in the frame of the head: the head is fixed and the camera moves around it. */
 #include <string.h>
 
 #include "lab/synth/synth_parts.h"
 
 static const double focal_share = 2.4;              /* focal length / side of the picture */
 static const double pivot[3] = {0.0, -0.34, -0.10}; /* the top of the spine, in the head's frame, unit */
-static const double place[3] = {0.0, 0.105, -3.6};  /* of the head's origin before the camera, unit */
+static const double place[3] = {0.0, 0.105, -3.6};  /* position of the head's origin in the camera's frame, unit */
 
-/* From the axes of a camera held by hand to those of one at rest: R = Ry(-pan) Rx(nod). */
+/* Rotation from the axes of the hand-held camera to those of a camera at rest: R = Ry(-pan) Rx(nod). */
 static void held_rotation(const struct ern_synth_curve *curve, double r[3][3]) {
   const double degree = 3.14159265358979323846 / 180.0;
   const double cy = cos(-curve->pan * degree), sy = sin(-curve->pan * degree);
@@ -17,7 +17,7 @@ static void held_rotation(const struct ern_synth_curve *curve, double r[3][3]) {
   memcpy(r, made, sizeof made);
 }
 
-/* The camera turns where it is. */
+/* Rotates the camera about its own position. */
 static void hold(const struct ern_synth_curve *curve, struct ern_synth_camera *camera) {
   double held[3][3];
   held_rotation(curve, held);
@@ -45,7 +45,7 @@ void ern_synth_camera_make(int size, const struct ern_synth_curve *curve, struct
   for (int i = 0; i < 3; ++i)
     for (int j = 0; j < 3; ++j)
       for (int k = 0; k < 3; ++k) r[i][j] += yx[i][k] * rz[k][j];
-  /* turned about the pivot, then put in its place: p -> R (p - pivot) + pivot + place + shift */
+  /* rotated about the pivot, then translated: p -> R (p - pivot) + pivot + place + shift */
   double t[3];
   for (int i = 0; i < 3; ++i) {
     t[i] = pivot[i] + place[i] + (double)curve->shift[i];

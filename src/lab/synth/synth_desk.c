@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * A frame of the made-up clip: its layers laid over each other, and told apart again. */
+ * A frame of the synthetic clip: composites its layers, and makes the segmentation. */
 #include <string.h>
 
 #include "core/memory.h"
@@ -37,7 +37,7 @@ void ern_synth_desk_free(ern_context *context, struct ern_synth_desk *desk) {
   ern_image_free(context, &desk->parsing);
 }
 
-/* The room as a camera that is held by hand sees it at pixel i, linear between pixels, its border repeated. */
+/* The room at pixel i of the hand-held camera: bilinear, with repeated border pixels. */
 static void look(float (*room)[4], int size, const struct ern_synth_curve *curve, size_t i, float seen[3]) {
   if (curve->pan == 0.0f && curve->nod == 0.0f) {
     memcpy(seen, room[i], 3 * sizeof *seen);
@@ -71,7 +71,7 @@ void ern_synth_desk_compose(struct ern_synth_desk *desk, float (*room)[4], const
   }
 }
 
-/* It comes from below the picture, leans, and reaches the brows. */
+/* The rod enters at the lower edge of the picture, is slanted, and reaches the brows. */
 void ern_synth_desk_rod(struct ern_synth_desk *desk, struct vec3 skin, double time, double width) {
   const int size = desk->size;
   const float third = 3.0f * (float)time - 1.0f; /* 0..1 while it passes */

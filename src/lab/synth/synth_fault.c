@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * Faults of a made-up video that lie in its motion. */
+ * Faults of the synthetic clip that concern its motion. */
 #include <string.h>
 
 #include "core/memory.h"
@@ -7,7 +7,7 @@
 
 enum { STREAM_SHAKE = 61, RAMP = 12 /* frames, half a second */ };
 
-/* Two sines of 1.7 and 0.6 s, which together reach `most`. */
+/* Sum of two sines of 1.7 and 0.6 s with amplitude `most`. */
 static float shake(uint64_t seed, uint64_t which, double seconds, double most) {
   static const double periods[2] = {1.7, 0.6}, shares[2] = {0.75, 0.25};
   double sum = 0.0;
@@ -18,7 +18,7 @@ static float shake(uint64_t seed, uint64_t which, double seconds, double most) {
   return (float)sum;
 }
 
-/* 1 in the middle third, with ramps inside of it. */
+/* 1 in the middle third, with ramps inside it. */
 static float middle_third(size_t t, size_t frames) {
   const float first = (float)frames / 3.0f, last = 2.0f * first, ramp = minf((float)RAMP, first / 3.0f);
   const float at = (float)t;

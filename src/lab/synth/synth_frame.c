@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: MIT
- * The made-up head as a picture: rays that walk down its distance function. */
+ * Renders the synthetic head by sphere tracing of its distance function. */
 #include "lab/synth/synth_parts.h"
 
-/* The first surface on the ray. The walk is shorter than the distance says, since bending stretches space. */
+/* Finds the first surface on the ray. Steps are shorter than the distance, because the deformation stretches space. */
 static bool head_hit(const struct ern_synth_head *head, struct vec3 origin, struct vec3 way, float *at) {
   const struct vec3 r = ern_synth_head_radii, o = vec3_sub(origin, ern_synth_head_middle);
   const struct vec3 a = vec3_of(o.x / r.x, o.y / r.y, o.z / r.z), b = vec3_of(way.x / r.x, way.y / r.y, way.z / r.z);
@@ -21,7 +21,7 @@ static bool head_hit(const struct ern_synth_head *head, struct vec3 origin, stru
   return false;
 }
 
-/* Where in a pixel to look: 3 x 3 places for small pictures, else 4 that share neither row nor column. */
+/* Sample positions in a pixel: a 3 x 3 grid for small pictures, else 4 rooks (no two in one row or column). */
 static int places_in_pixel(int size, double places[9][2]) {
   static const double four[4][2] = {{0.375, 0.125}, {0.875, 0.375}, {0.125, 0.625}, {0.625, 0.875}};
   const int count = size < 128 ? 9 : 4;

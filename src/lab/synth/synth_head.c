@@ -1,16 +1,15 @@
 /* SPDX-License-Identifier: MIT
- * The made-up head as a signed distance: a face at rest, bent by jaw, lips and lids, with eyes, teeth, tongue, hair.
- * A point of space is first carried back to the face at rest (the inverse of the movement), where shapes stand still.
- */
+ * The synthetic head as a signed distance function: a face at rest, deformed by jaw, lips and lids, with eyes, teeth,
+ * tongue, hair. A point is first mapped back to the face at rest (inverse deformation), where the shapes are fixed. */
 #include "lab/synth/synth_parts.h"
 
-/* Places on the face at rest, unit. */
+/* Positions on the face at rest, unit. */
 static const float hinge_y = -0.045f, hinge_z = -0.02f; /* the axis of the jaw, along x */
 static const float eye_radius = 0.060f, lid_radius = ERN_SYNTH_LID_RADIUS;
 const struct vec3 ern_synth_eye_centre = {0.123f, 0.0f, 0.218f};
 const struct vec3 ern_synth_head_middle = {0.0f, -0.01f, -0.02f}, ern_synth_head_radii = {0.36f, 0.50f, 0.44f};
 
-/* How much of the jaw's turn a point takes where there is no mouth opening, by its height at rest. */
+/* Share of the jaw's rotation at a point away from the mouth opening, by its height at rest. */
 static float jaw_share(float y) { return smoothf(-0.15f, -0.37f, y); }
 
 float ern_synth_mouth_line(float x) {
@@ -39,7 +38,7 @@ void ern_synth_head_pose(struct ern_synth_head *head, const struct ern_synth_per
 
 /* ---- the movement -------------------------------------------------------------------------------- */
 
-/* Turns p about the jaw's axis so that an opening by `angle` is undone. To third order in the angle. */
+/* Rotates p about the jaw's axis by -angle, the inverse of an opening; to third order in the angle. */
 static struct vec3 unturn(struct vec3 p, float angle) {
   const float s = angle * (1.0f - angle * angle / 6.0f), c = 1.0f - 0.5f * angle * angle;
   const float dy = p.y - hinge_y, dz = p.z - hinge_z;
@@ -52,14 +51,14 @@ static float slit_profile(float x) {
   return maxf(1.0f - t * t, 0.0f);
 }
 
-/* Share of the jaw's turn of a point that is at height y at rest, above (+1) or below (-1) the slit. */
+/* Share of the jaw's rotation at a point with height y at rest, above (+1) or below (-1) the slit. */
 static float turn_share(float x, float y, float side) {
   const float open = slit_profile(x), base = jaw_share(y) * (1.0f - open);
   if (side < 0.0f) return base + open;
   return base - 0.16f * open * (1.0f - smoothf(ERN_SYNTH_MOUTH_Y, ERN_SYNTH_MOUTH_Y + 0.09f, y));
 }
 
-/* Where the lips' own movement (spreading, pursing) of a point comes from. */
+/* Inverse of the lips' deformation (spreading, pursing) at a point. */
 static struct vec3 unspread(const struct ern_synth_head *head, struct vec3 p) {
   const float dy = p.y - ERN_SYNTH_MOUTH_Y, away = p.x * p.x + dy * dy;
   if (p.z <= 0.0f || away > 6.0f * 0.15f * 0.15f) return p;
@@ -75,7 +74,7 @@ static struct vec3 unspread(const struct ern_synth_head *head, struct vec3 p) {
 
 /* Heights of the slit's edges at x (after unspread), for a point at depth z. */
 static void slit_edges(const struct ern_synth_head *head, float x, float z, float *top, float *bottom) {
-  /* the lower edge is level behind the lip, where the jaw's turn would make it climb */
+  /* the lower edge is kept level behind the lip, where the jaw's rotation would raise it */
   const float line = ern_synth_mouth_line(x);
   *top = *bottom = line;
   if (head->angle == 0.0f) return;
@@ -84,7 +83,7 @@ static void slit_edges(const struct ern_synth_head *head, float x, float z, floa
   *bottom = line - head->angle * (level - hinge_z) * turn_share(x, line, -1.0f);
 }
 
-/* The point at rest that `p` (after unspread) has come from. The share depends on the height at rest: iterated. */
+/* The point at rest for `p` (after unspread), by iteration, because the share depends on the height at rest. */
 static struct vec3 unbend(const struct ern_synth_head *head, struct vec3 p, float side) {
   const float front = head->angle * smoothf(-0.17f, 0.02f, p.z);
   if (front <= 0.0f) return p;
@@ -95,7 +94,7 @@ static struct vec3 unbend(const struct ern_synth_head *head, struct vec3 p, floa
 
 /* ---- shapes at rest ------------------------------------------------------------------------------ */
 
-/* |x| without the crease in the middle. */
+/* A smooth |x|, without the crease in the middle. */
 static struct vec3 mirrored(struct vec3 q) { return vec3_of(sqrtf(q.x * q.x + 0.0004f), q.y, q.z); }
 
 static float skull_distance(const struct ern_synth_person *person, struct vec3 q) {
@@ -122,7 +121,7 @@ static float nose_distance(const struct ern_synth_person *person, struct vec3 q,
   return d;
 }
 
-/* The red of the lips stands out; `v` is the height above the mouth's line. */
+/* Protrusion of the red of the lips; `v`: height above the mouth's line. */
 static float lip_bulge(const struct ern_synth_person *person, float x, float v) {
   const float up = ern_synth_lip_height(person, x, ERN_SYNTH_LIP_UPPER);
   const float low = ern_synth_lip_height(person, x, ERN_SYNTH_LIP_LOWER);
@@ -216,7 +215,7 @@ struct mouth_parts {
 static struct mouth_parts mouth_distance(const struct ern_synth_head *head, struct vec3 p, float top, float bottom) {
   struct mouth_parts parts;
   const struct vec3 low = unturn(p, head->angle), half = unturn(p, 0.5f * head->angle);
-  /* the hollow stretches from the palate to the floor, which goes with the jaw */
+  /* the cavity extends from the palate to the floor, which moves with the jaw */
   const struct vec3 middle = vec3_of(0.0f, ERN_SYNTH_MOUTH_Y, 0.200f), radii = vec3_of(0.088f, 0.045f, 0.096f);
   const float between = ellipsoid(half, middle, vec3_of(0.088f, 0.045f + 0.13f * head->angle, 0.096f));
   parts.hollow = minf(minf(ellipsoid(p, middle, radii), ellipsoid(low, middle, radii)), between);
@@ -232,8 +231,8 @@ static struct mouth_parts mouth_distance(const struct ern_synth_head *head, stru
 
 /* ---- hair ---------------------------------------------------------------------------------------- */
 
-/* Strands along the way the hair is combed, from the brow back, falling to both sides of the parting: locks, and hairs
- * in them. In about [-1, 1]. */
+/* Strands along the direction of combing, from the brow back and down both sides of the parting: locks, and hairs in
+ * them. In about [-1, 1]. */
 float ern_synth_strands(const struct ern_synth_person *person, struct vec3 q) {
   const struct vec3 c = vec3_of(q.x - 0.07f * person->part_side, q.y - 0.02f, q.z + 0.06f);
   const float across = atan2f(c.x, c.y), radius = vec3_length(c);
@@ -271,7 +270,8 @@ struct carried {
   float top, bottom;
 };
 
-/* side: above (1) or below (-1) the slit; 0: wherever p is. A point between the lips counts as on the nearer edge. */
+/* side: above (1) or below (-1) the slit; 0: by the position of p. A point between the lips counts as on the nearer
+ * edge. */
 static struct carried carry_back(const struct ern_synth_head *head, struct vec3 p, float side) {
   struct carried c = {.point = unspread(head, p)};
   slit_edges(head, c.point.x, c.point.z, &c.top, &c.bottom);

@@ -1,16 +1,16 @@
 /* SPDX-License-Identifier: MIT
- * The 68 landmarks of the made-up face: found on the face at rest, then moved with jaw, lips and lids. The 300-W order;
- * "left" is the left of the picture. */
+ * The 68 landmarks of the synthetic face: located on the face at rest, then moved with jaw, lips and lids. The 300-W
+ * order; "left" is the left of the picture. */
 #include "lab/synth/synth_parts.h"
 
-/* The skin at (x, y), looked at from the front. */
+/* The point of the skin at (x, y), seen from the front. */
 static struct vec3 on_front(const struct ern_synth_person *person, float x, float y) {
   struct vec3 p = vec3_of(x, y, 0.45f);
   for (int k = 0; k < 64; ++k) p.z -= 0.7f * ern_synth_skin_distance(person, p);
   return p;
 }
 
-/* The skin's edge in the plane through `from`, towards (cos, sin) of `angle`. */
+/* The skin's surface in the plane through `from`, in the direction (cos, sin) of `angle`. */
 static struct vec3 on_outline(const struct ern_synth_person *person, struct vec3 from, float angle) {
   const struct vec3 way = vec3_of(cosf(angle), sinf(angle), 0.0f);
   struct vec3 p = from;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * How the made-up head moves: blinks, slow turns and shifts, and the mouth of the speech. */
+ * Motion of the synthetic head: blinks, slow rotations and shifts, and the mouth of the speech. */
 #include "lab/synth/synth_parts.h"
 
 enum { STREAM_HEAD = 31, STREAM_BLINK = 32 };
@@ -50,8 +50,8 @@ static void move_lids(uint64_t seed, struct ern_synth_curve *curves, size_t fram
   }
 }
 
-/* The largest yaw becomes `turn`; pitch and roll, whose sways reach 6 and 4 degrees where the yaw's reach 12, grow as
- * `turn` does over these 12. */
+/* Scales the yaw so that its largest value is `turn`. Pitch and roll, whose amplitudes are 6 and 4 degrees for a yaw of
+ * 12, are scaled by turn / 12. */
 static void turn_by(double turn, struct ern_synth_curve *curves, size_t frames) {
   const float grow = (float)turn / 12.0f;
   float most = 0.0f;

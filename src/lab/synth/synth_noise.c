@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * Noise of the made-up clip: skin, hair and cloth. */
+ * Procedural noise of the synthetic clip: skin, hair and cloth. */
 #include "lab/synth/synth_parts.h"
 
 static uint32_t lattice_hash(int32_t x, int32_t y, int32_t z) {

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * The rooms of the made-up clip: a person, the curves that move it, a head and a torso that can be looked at.
+ * Parts of the synthetic clip: a person, the animation curves, a head and a torso that can be rendered.
  *
  * Frame of the head, used in all these files: x right in the picture, y up, z out of the face; the unit is the
  * renderer's (world * 4). So the renderer's (x, y, z) is (y, z, x) here. The head is about 0.9 tall. */
@@ -49,7 +49,7 @@ static inline float smoothf(float a, float b, float x) {
   return t * t * (3.0f - 2.0f * t);
 }
 
-/* ---- distances: of shapes, and joined with a fillet of about k ----------------------------------- */
+/* ---- signed distances of shapes; unions with a fillet of about k --------------------------------- */
 
 static inline float join(float a, float b, float k) { /* union; quadratic fillet */
   const float h = maxf(k - fabsf(a - b), 0.0f) / k;
@@ -82,7 +82,7 @@ static inline float bell(float u) {
 /* The same of (x/width)^2. */
 static inline float hump(float x, float width) { return bell(x * x / (width * width)); }
 
-/* ---- chance: a pure function of (seed, stream, counter) ------------------------------------------ */
+/* ---- random numbers, a pure function of (seed, stream, counter) ---------------------------------- */
 
 static inline uint64_t synth_hash(uint64_t seed, uint64_t stream, uint64_t counter) {
   uint64_t z = seed + 0x9e3779b97f4a7c15u * (stream * 0x100000001b3u + counter + 1);
@@ -97,10 +97,10 @@ static inline double synth_uniform(uint64_t seed, uint64_t stream, uint64_t coun
 
 /* Value noise on the unit lattice, in [-1, 1], C1. */
 float ern_synth_noise(struct vec3 p);
-/* octaves of it, each of half the size and strength; in about [-1, 1] */
+/* sum of octaves of this noise, each with half the wavelength and amplitude; in about [-1, 1] */
 float ern_synth_noise_sum(struct vec3 p, int octaves);
 
-/* ---- who: looks that follow from the seed -------------------------------------------------------- */
+/* ---- the person: appearance by the seed ---------------------------------------------------------- */
 
 struct ern_synth_person {
   /* Linear light, 0..1. */
@@ -116,24 +116,24 @@ struct ern_synth_person {
 
 void ern_synth_person_make(uint64_t seed, struct ern_synth_person *person);
 
-/* ---- how it moves -------------------------------------------------------------------------------- */
+/* ---- animation ----------------------------------------------------------------------------------- */
 
 enum { ERN_SYNTH_LETTERS = 29, ERN_SYNTH_WINDOW = 16, ERN_SYNTH_FPS = 25, ERN_SYNTH_RATE = 16000 };
 /* Speech is cut into steps of 20 ms; step ERN_SYNTH_BEFORE is time 0, so that frame t's window is steps 2t .. 2t + 15.
  */
 enum { ERN_SYNTH_STEPS = 50, ERN_SYNTH_BEFORE = 8 };
 
-/* What the mouth does and the throat sounds like. */
+/* Motion of the mouth and sound of the voice. */
 struct ern_synth_speech {
   size_t steps;
   float (*logits)[ERN_SYNTH_LETTERS]; /* [steps]: the features */
-  float *jaw, *width;                 /* [steps], functions of the five logits around */
-  float *loud, *hiss;                 /* [steps], 0..1: voiced and unvoiced strength */
+  float *jaw, *width;                 /* [steps], functions of the five surrounding logits */
+  float *loud, *hiss;                 /* [steps], 0..1: strength of voiced and unvoiced sound */
   float (*formants)[3];               /* [steps], Hz */
 };
 ERN_NODISCARD ern_status ern_synth_speech_make(ern_context *context, uint64_t seed, size_t frames,
                                                struct ern_synth_speech *speech);
-/* Jaw and width alone, of a mouth that says what espeak-ng spoke. */
+/* Fills only jaw and width, of a mouth that follows the phonemes of espeak-ng. */
 ERN_NODISCARD ern_status ern_synth_speech_follow(ern_context *context, const ern_spoken *spoken, size_t frames,
                                                  struct ern_synth_speech *speech);
 void ern_synth_speech_free(ern_context *context, struct ern_synth_speech *speech);
@@ -148,21 +148,22 @@ struct ern_synth_curve {
   float blink;            /* 0 open .. 1 shut; above 1 squeezed */
   float yaw, pitch, roll; /* degrees; turned to the picture's right, up, clockwise as seen */
   float shift[3];         /* of the head's pivot, unit, along picture right, up, towards the camera */
-  float pan, nod;         /* degrees, of a camera that is held by hand: to the picture's right, up */
+  float pan, nod;         /* degrees, of a hand-held camera: to the picture's right, up */
 };
 /* Fills jaw and width of curves[frames] from the speech, the rest from the seed. `turn`: degrees, the largest yaw to
  * either side, with nods up to a half and tilts up to a third of it; 0: as the seed has it. */
 void ern_synth_motion_make(uint64_t seed, const struct ern_synth_speech *speech, bool blink, bool moving, double turn,
                            struct ern_synth_curve *curves, size_t frames);
 
-/* The options' fault on curves[frames], but for a rod; *cut: the first frame of another person, left alone without. */
+/* Applies the options' fault to curves[frames], except a rod. *cut: the first frame with another person; unchanged if
+ * there is none. */
 ERN_NODISCARD ern_status ern_synth_fault_move(ern_context *context, const ern_synth_options *options,
                                               const struct ern_synth_speech *speech, struct ern_synth_curve *curves,
                                               size_t frames, size_t *cut);
 
 /* ---- the head ------------------------------------------------------------------------------------ */
 
-/* A face at one moment, with all that its distance function needs precomputed. */
+/* A face at one moment, with the precomputed values of its distance function. */
 struct ern_synth_head {
   const struct ern_synth_person *person;
   float angle;  /* of the jaw, radians */
@@ -183,7 +184,7 @@ enum ern_synth_part {
 
 struct ern_synth_surface {
   enum ern_synth_part part;
-  struct vec3 rest;           /* where the point is on the face at rest: the place of its paint */
+  struct vec3 rest;           /* position of the point on the face at rest, by which it is coloured */
   float lip;                  /* height above (+) or below (-) the line of the mouth at rest, unit */
   struct vec3 eye;            /* from the nearer eye's centre, x towards the temple */
   float lid_upper, lid_lower; /* heights of the lids' edges at eye.x */
@@ -191,9 +192,10 @@ struct ern_synth_surface {
 
 void ern_synth_head_pose(struct ern_synth_head *head, const struct ern_synth_person *person,
                          const struct ern_synth_curve *curve);
-/* A lower bound of the distance to the head's surface, negative inside; *surface (may be NULL) says what is there. */
+/* A lower bound of the distance to the head's surface, negative inside; *surface (may be NULL) describes the surface
+ * there. */
 float ern_synth_head_distance(const struct ern_synth_head *head, struct vec3 p, struct ern_synth_surface *surface);
-/* An ellipsoid that holds the head with its hair. */
+/* A bounding ellipsoid of the head with its hair. */
 extern const struct vec3 ern_synth_head_middle, ern_synth_head_radii;
 /* Where a point of the face at rest has moved to; side: above (1) or below (-1) the slit between the lips. */
 struct vec3 ern_synth_head_moved(const struct ern_synth_head *head, struct vec3 rest, float side);
@@ -205,7 +207,7 @@ float ern_synth_skin_distance(const struct ern_synth_person *person, struct vec3
 float ern_synth_hair_distance(const struct ern_synth_person *person, struct vec3 q);
 float ern_synth_strands(const struct ern_synth_person *person, struct vec3 q);
 
-/* Outlines that shape, paint and landmarks share, at rest. Lengths in units. */
+/* Outlines at rest, shared by shape, colouring and landmarks. Lengths in units. */
 #define ERN_SYNTH_MOUTH_Y (-0.245f)
 #define ERN_SYNTH_MOUTH_HALF 0.094f
 #define ERN_SYNTH_EYE_HALF 0.0585f
@@ -218,13 +220,13 @@ float ern_synth_lip_height(const struct ern_synth_person *person, float x, int w
 void ern_synth_lid_edges(const struct ern_synth_head *head, float x, float *upper, float *lower);
 float ern_synth_brow_line(float x); /* y of the brow's middle, x >= 0 */
 
-/* Lamps stand still with the head. */
+/* Lamps are fixed in the frame of the head. */
 struct ern_synth_lamp {
   struct vec3 way; /* towards it, unit vector */
   struct vec3 light;
 };
 extern const struct ern_synth_lamp ern_synth_key, ern_synth_fill;
-/* Light from all round on a surface whose normal has y = up. */
+/* Ambient light on a surface whose normal has y = up. */
 struct vec3 ern_synth_ambient(float up);
 /* Linear light that leaves `p` towards `towards` (unit vector from p to the camera). */
 struct vec3 ern_synth_head_shade(const struct ern_synth_head *head, struct vec3 p, struct vec3 towards);
@@ -245,13 +247,13 @@ static inline float synth_encode(float linear) {
   return c <= 0.0031308f ? 12.92f * c : 1.055f * powf(c, 1.0f / 2.4f) - 0.055f;
 }
 
-/* The torso once, at rest, with a margin of a quarter of `size` on every side; frames take it from there by a smooth
+/* Draws the torso once, at rest, with a margin of a quarter of `size` on every side; frames warp it by a smooth
  * displacement. The caller owns it (ern_synth_torso_free). */
 ERN_NODISCARD ern_status ern_synth_torso_make(ern_context *context, struct ern_pool *pool,
                                               const struct ern_synth_person *person, int size,
                                               struct ern_synth_layer *torso);
 void ern_synth_torso_free(ern_context *context, struct ern_synth_layer *torso); /* accepts an empty one */
-/* The torso [size][size] for a pose: shoulders follow a part of the head's way, the top of the neck all of it.
+/* The torso [size][size] for a pose: the shoulders follow a part of the head's motion, the top of the neck all of it.
  * bare[size][size]: the share of the pixel that is the neck's skin, 0..1. */
 void ern_synth_torso_draw(const struct ern_synth_layer *torso, const struct ern_synth_curve *curve, int size,
                           float (*pixels)[4], float *bare);
@@ -274,16 +276,16 @@ void ern_synth_camera_project(const struct ern_synth_camera *camera, struct vec3
 void ern_synth_camera_ray(const struct ern_synth_camera *camera, double x, double y, struct vec3 *origin,
                           struct vec3 *direction);
 
-/* Where a camera at rest sees what the frame's camera sees at (u, v); all in sides of the picture. */
+/* Maps (u, v) from the frame's camera to a camera at rest; in units of the picture's side. */
 void ern_synth_camera_rest(const struct ern_synth_curve *curve, float *u, float *v);
 
-/* The head [size][size] alone. */
+/* Draws the head alone, [size][size]. */
 void ern_synth_head_draw(const struct ern_synth_head *head, const struct ern_synth_camera *camera, int size,
                          float (*pixels)[4]);
 
 /* ---- a frame ------------------------------------------------------------------------------------- */
 
-/* Room to draw a frame in. */
+/* Buffers to draw a frame in. */
 struct ern_synth_desk {
   int size;
   float (*head)[4], (*torso)[4], *bare; /* [size][size] */
@@ -291,14 +293,15 @@ struct ern_synth_desk {
   ern_image truth, cutout, parsing;     /* RGB, RGBA, RGB */
 };
 
-/* 255 times c, rounded and held within a byte. */
+/* 255 c, rounded and clamped to a byte. */
 uint8_t ern_synth_to_byte(float c);
 ERN_NODISCARD ern_status ern_synth_picture_make(ern_context *context, int size, int channels, ern_image *image);
 ERN_NODISCARD ern_status ern_synth_desk_make(ern_context *context, int size, struct ern_synth_desk *desk);
 void ern_synth_desk_free(ern_context *context, struct ern_synth_desk *desk); /* accepts a half-made one */
 /* truth: head over torso over room; cutout: the torso alone, its colours divided by its alpha. */
 void ern_synth_desk_compose(struct ern_synth_desk *desk, float (*room)[4], const struct ern_synth_curve *curve);
-/* A rod before the face; `time` 0..1 of the clip, of which the middle third has it; `width` in sides. */
+/* Draws a rod in front of the face, in the middle third of the clip; `time`: 0..1 of the clip; `width` in sides of the
+ * picture. */
 void ern_synth_desk_rod(struct ern_synth_desk *desk, struct vec3 skin, double time, double width);
 /* parsing: the topmost layer whose alpha is at least 0.5. */
 void ern_synth_desk_parse(struct ern_synth_desk *desk);

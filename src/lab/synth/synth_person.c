@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * The person that a seed of the made-up clip stands for: colours, proportions, voice. */
+ * The person of the synthetic clip, by the seed: colours, proportions, voice. */
 #include "lab/synth/synth_parts.h"
 
 enum { STREAM_PERSON = 11 };
@@ -30,7 +30,7 @@ void ern_synth_person_make(uint64_t seed, struct ern_synth_person *person) {
       {0.030f, 0.042f, 0.085f}, {0.085f, 0.080f, 0.078f}, {0.050f, 0.080f, 0.060f}, {0.13f, 0.060f, 0.048f}};
   static const struct vec3 walls[] = {
       {0.30f, 0.36f, 0.40f}, {0.42f, 0.36f, 0.28f}, {0.26f, 0.34f, 0.29f}, {0.36f, 0.31f, 0.38f}};
-  /* seed 1 and its kin differ in everything; the tables are walked by separate digits of the hash */
+  /* neighbouring seeds differ in everything: separate digits of the hash index the tables */
   const uint64_t pick = synth_hash(seed, STREAM_PERSON, 0);
   person->skin = skins[pick % 5];
   person->hair = hairs[(pick / 5) % 5];

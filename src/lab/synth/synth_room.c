@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * What stands behind the made-up person, and stands still. */
+ * The static background of the synthetic clip. */
 #include "lab/synth/synth_parts.h"
 
 enum { STREAM_ROOM = 51, STREAM_CLUTTER = 52 };
@@ -60,7 +60,7 @@ static void draw_plain(const struct ern_synth_person *person, int size, float (*
     }
 }
 
-/* A thing of the clutter: a rectangle or an ellipse, striped or not. Lengths in sides of the picture. */
+/* An object of the cluttered background: a rectangle or an ellipse, striped or not. Lengths in sides of the picture. */
 struct thing {
   float x, y, half_width, half_height;
   bool round;
@@ -68,7 +68,7 @@ struct thing {
   struct vec3 colour, other;
 };
 
-/* Every third thing has the colour of the person's skin, every fourth of the others that of the hair. */
+/* Every third object has the colour of the person's skin; of the others, every fourth has that of the hair. */
 static struct thing make_thing(const struct ern_synth_person *person, uint64_t seed, uint64_t index) {
   float r[12];
   for (uint64_t k = 0; k < 12; ++k) r[k] = (float)synth_uniform(seed, STREAM_CLUTTER, 12 * index + k, 0.0, 1.0);
@@ -83,7 +83,7 @@ static struct thing make_thing(const struct ern_synth_person *person, uint64_t s
   return t;
 }
 
-/* Lays the thing over the pixels that its box covers. `blur`: width of its edge. */
+/* Draws the object over the pixels in its box. `blur`: width of its edge. */
 static void draw_thing(const struct thing *t, int size, float blur, float (*pixels)[4]) {
   const float side = (float)size;
   const int left = (int)clampf((t->x - t->half_width - blur) * side, 0.0f, side);

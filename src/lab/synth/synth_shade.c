@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * The paint of the made-up head and the light on it. The light stands still with the head and hardly depends on where
- * one looks from, so that a radiance field can learn the picture. */
+ * Colour and lighting of the synthetic head. The light is fixed to the head and hardly depends on the view direction,
+ * so that a radiance field can learn the picture. */
 #include "lab/synth/synth_parts.h"
 
 const struct ern_synth_lamp ern_synth_key = {{-0.470f, 0.540f, 0.698f}, {1.18f, 1.10f, 1.00f}};
@@ -16,8 +16,8 @@ struct paint {
   struct vec3 albedo;
   float gloss; /* strength of the highlight */
   float tight; /* its exponent */
-  float soft;  /* how far light creeps round into the shade, 0..1 */
-  float dark;  /* 0..1: what light the place gets from outside at all */
+  float soft;  /* wrap lighting: how far light extends into the shade, 0..1 */
+  float dark;  /* 0..1: share of outside light that reaches the place */
 };
 
 static struct vec3 normal_at(const struct ern_synth_head *head, struct vec3 p, float h) {
@@ -30,7 +30,7 @@ static struct vec3 normal_at(const struct ern_synth_head *head, struct vec3 p, f
   return vec3_unit(n);
 }
 
-/* Share of the sky that is open above the surface, from a few distances along the normal. */
+/* Ambient occlusion: open share of the sky, from a few distances along the normal. */
 static float openness(const struct ern_synth_head *head, struct vec3 p, struct vec3 n) {
   float blocked = 0.0f, weight = 1.0f;
   for (int k = 1; k <= 4; ++k) {
@@ -227,7 +227,7 @@ static float highlight(struct vec3 n, struct vec3 way, struct vec3 towards, floa
   return powf(maxf(vec3_dot(n, vec3_unit(vec3_add(way, towards))), 0.0f), tight * 2.0f);
 }
 
-/* Lambert, with the light creeping `soft` round the edge, redder the deeper it went. */
+/* Lambertian wrap lighting: light extends by `soft` past the terminator, and is redder the further it extends. */
 static struct vec3 diffuse(float facing, float soft) {
   const float red = maxf((facing + soft) / (1.0f + soft), 0.0f);
   const float rest = maxf((facing + 0.45f * soft) / (1.0f + 0.45f * soft), 0.0f);
@@ -249,7 +249,7 @@ struct vec3 ern_synth_head_shade(const struct ern_synth_head *head, struct vec3 
   }
   const struct vec3 n = normal_at(head, p, 0.0016f);
   const float open = openness(head, p, n) * paint.dark;
-  /* mostly as seen from straight ahead: the gloss stays where it is when the head turns */
+  /* mostly for a frontal view: the highlight keeps its place when the head turns */
   const struct vec3 eye = vec3_unit(vec3_of(0.35f * towards.x, 0.35f * towards.y, 1.0f));
 
   const float lit = shadow(head, p, n, ern_synth_key.way) * paint.dark;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * The voice of the made-up person: a pulse train and a hiss through three moving resonances. */
+ * The synthetic voice: a pulse train and noise through three moving resonances (formant synthesis). */
 #include "lab/synth/synth_parts.h"
 
 enum { STREAM_PITCH = 41, STREAM_HISS = 42 };
@@ -24,7 +24,7 @@ static double resonance_run(struct resonance *filter, double x) {
   return y;
 }
 
-/* Flow of the glottis over a period (phase 0..1): opens slowly, shuts fast, rests. */
+/* Glottal flow over a period (phase 0..1): opens slowly, closes fast, stays closed. */
 static double glottis(double phase) {
   if (phase < 0.40)
     return 3.0 * (phase / 0.40) * (phase / 0.40) - 2.0 * (phase / 0.40) * (phase / 0.40) * (phase / 0.40);
@@ -59,14 +59,14 @@ void ern_synth_sound_make(uint64_t seed, float voice, const struct ern_synth_spe
     const double pitch = (double)voice * (1.0 + 0.10 * sin(4.1 * seconds + start) + 0.05 * sin(9.7 * seconds));
     phase += pitch / ERN_SYNTH_RATE;
     phase -= floor(phase);
-    const double open = glottis(phase), pulse = open - flow; /* what is heard is the change of the flow */
+    const double open = glottis(phase), pulse = open - flow; /* the source is the derivative of the flow */
     flow = open;
     const double noise = synth_uniform(seed, STREAM_HISS, n, -1.0, 1.0), sharp = noise - rough;
     rough = noise;
     double x = loud * (8.0 * pulse + 0.02 * noise);
     for (int f = 0; f < 3; ++f) x = resonance_run(&mouth[f], x);
     x += 0.10 * hiss * resonance_run(&teeth, sharp);
-    x = tanh(0.55 * x); /* never over full scale */
+    x = tanh(0.55 * x); /* limits to full scale */
     sound[n] = (int16_t)lrint(30000.0 * x);
   }
 }

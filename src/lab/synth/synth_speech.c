@@ -1,6 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * What a made-up person says: letters in time, the speech features they give, and the mouth that follows from those
- * features alone. */
+ * Synthetic speech: timed letters, their speech features, and the mouth, which depends on the features alone. */
 #include "core/memory.h"
 #include "lab/synth/synth_parts.h"
 
@@ -9,7 +8,7 @@ enum { STREAM_TEXT = 21, STREAM_BASE = 22, STREAM_NOISE = 100 /* and up, two a l
 
 /* ---- letters ------------------------------------------------------------------------------------- */
 
-/* How a letter is said: jaw 0..1, lips -1 pursed .. 1 spread, voiced and unvoiced strength, formants in Hz. */
+/* Articulation of a letter: jaw 0..1, lips -1 pursed .. 1 spread, voiced and unvoiced strength, formants in Hz. */
 struct letter {
   float jaw, width, loud, hiss, formants[3];
 };
@@ -88,7 +87,7 @@ static ern_status script_phrase(ern_context *context, struct script *script, uin
   return ERN_OK;
 }
 
-/* Silence, then phrases with pauses between them, until `seconds`. Short clips get a short silence. */
+/* Writes silence, then phrases with pauses, until `seconds`. Short clips get a short silence. */
 static ern_status script_write(ern_context *context, struct script *script, uint64_t seed, double seconds) {
   uint64_t draws = 0;
   script->now = fmin(synth_uniform(seed, STREAM_TEXT, 1000000, 0.16, 0.28), 0.25 * seconds);
@@ -115,7 +114,7 @@ static double wander(uint64_t seed, uint64_t stream, double t) {
              (synth_uniform(seed, stream, at + 1, -1, 1) - synth_uniform(seed, stream, at, -1, 1));
 }
 
-/* How much of a letter sounds at `t`: 0..1, with ramps of 40 ms. */
+/* Loudness of a letter at `t`: 0..1, with ramps of 40 ms. */
 static double sounding(const struct event *event, double t) {
   const double ramp = 0.040, from = (t - event->start + 0.5 * ramp) / ramp, to = (event->end + 0.5 * ramp - t) / ramp;
   const double a = fmin(fmin(from, to), 1.0);
@@ -146,7 +145,7 @@ static void speech_logits(const struct script *script, uint64_t seed, struct ern
   }
 }
 
-/* Weights of the letters in a step: a softmax at 0.6 of the steepness, the blank left out. */
+/* Weights of the letters in a step: softmax of 0.6 times the logits, without the blank. */
 static void letter_weights(const float *logits, float weights[ERN_SYNTH_LETTERS]) {
   float high = logits[0], sum = 0.0f;
   for (int c = 1; c < BLANK; ++c) high = maxf(high, logits[c]);
@@ -155,7 +154,8 @@ static void letter_weights(const float *logits, float weights[ERN_SYNTH_LETTERS]
   weights[BLANK] = 0.0f;
 }
 
-/* Jaw and lips are the weighted letters' smoothed over five steps (80 ms); the voice is not smoothed. raw[steps][2]. */
+/* Jaw and lips are weighted means over the letters, smoothed over five steps (80 ms); the voice is not smoothed.
+ * raw[steps][2]. */
 static void speech_articulate(struct ern_synth_speech *speech, float (*raw)[2]) {
   static const float taps[5] = {0.0625f, 0.25f, 0.375f, 0.25f, 0.0625f};
   for (size_t k = 0; k < speech->steps; ++k) {
@@ -175,7 +175,7 @@ static void speech_articulate(struct ern_synth_speech *speech, float (*raw)[2]) 
       jaw += taps[j] * raw[k + j - 2][0];
       width += taps[j] * raw[k + j - 2][1];
     }
-    speech->jaw[k] = clampf((jaw - 0.03f) / 0.90f, 0.0f, 1.0f); /* what leaks in silence is no opening */
+    speech->jaw[k] = clampf((jaw - 0.03f) / 0.90f, 0.0f, 1.0f); /* removes the small opening that leaks into silence */
     speech->width[k] = clampf(width, -1.0f, 1.0f);
   }
 }

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * Below the made-up head: neck, shirt and jacket, drawn once and then shifted and stretched by the head's pose. */
+ * The synthetic torso: neck, shirt and jacket, drawn once and then warped by the head's pose. */
 #include "core/memory.h"
 #include "lab/synth/synth_parts.h"
 
@@ -57,7 +57,7 @@ static bool is_bare(struct body b) { return b.neck <= b.shirt && b.neck <= b.jac
 
 static float nearest(struct body b) { return minf(b.neck, minf(b.shirt, b.jacket)); }
 
-/* The head at rest, roughly and a little smaller: what shades the neck. */
+/* The head at rest, approximate and slightly smaller: casts the shadow on the neck. */
 static float chin_distance(struct vec3 p) {
   return minf(ellipsoid(p, vec3_of(0.0f, -0.12f, 0.05f), vec3_of(0.18f, 0.26f, 0.20f)),
               ellipsoid(p, vec3_of(0.0f, 0.10f, -0.05f), vec3_of(0.26f, 0.30f, 0.32f)));
@@ -179,7 +179,7 @@ void ern_synth_torso_free(ern_context *context, struct ern_synth_layer *torso) {
   *torso = (struct ern_synth_layer){0};
 }
 
-/* Adds `weight` of the layer at (x, y) layer pixels, linear between them; nothing outside. */
+/* Adds `weight` times the layer at (x, y), in layer pixels, bilinear; outside it adds nothing. */
 static void layer_add(const struct ern_synth_layer *layer, float x, float y, float weight, float pixel[4]) {
   const float fx = floorf(x - 0.5f), fy = floorf(y - 0.5f), tx = x - 0.5f - fx, ty = y - 0.5f - fy;
   const int left = (int)fx, top = (int)fy;

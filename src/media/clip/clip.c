@@ -268,7 +268,7 @@ ern_status ern_clip_open(ern_context *context, const char *folder, const ern_cli
   ern_clip_options chosen = ern_clip_options_default();
   ern_status status = ERN_OK;
   ern_clip *made = NULL;
-  if (options != NULL) ERN_TRY(ERN_TAKE_CONFIG(context, ern_clip_options, &chosen, options));
+  if (options != NULL) ERN_TRY(ERN_COPY_IN_CONFIG(context, ern_clip_options, &chosen, options));
   ERN_TRY(check_folder(context, folder));
   ERN_TRY(ern_clip_check_prepared(context, folder));
   ERN_TRY(ERN_NEW(context, 1, &made));
@@ -321,7 +321,7 @@ void ern_clip_free(ern_clip **clip) {
 
 void ern_clip_describe_sized(const ern_clip *clip, ern_clip_info *info, size_t bytes) {
   const ern_clip_info none = {0};
-  ern_struct_give(info, bytes, clip != NULL ? &clip->info : &none, sizeof none);
+  ern_struct_copy_out(info, bytes, clip != NULL ? &clip->info : &none, sizeof none);
 }
 
 const char *ern_clip_identity(const ern_clip *clip) { return clip != NULL ? clip->info.identity : NULL; }

@@ -77,5 +77,5 @@ static ern_dataset dataset_of(ern_clip *clip) {
 
 void ern_clip_dataset_sized(ern_clip *clip, ern_dataset *dataset, size_t bytes) {
   const ern_dataset own = clip != NULL ? dataset_of(clip) : (ern_dataset){0};
-  ern_struct_give(dataset, bytes, &own, sizeof own);
+  ern_struct_copy_out(dataset, bytes, &own, sizeof own);
 }

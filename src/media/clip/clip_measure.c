@@ -270,7 +270,7 @@ ern_status ern_clip_measure_sized(ern_clip *clip, ern_clip_measures *measures, s
   ern_status status = ERN_OK;
   ERN_TRY(measure_features(clip, &own));
   ERN_TRY(measure_pictures(clip, &own));
-  ern_struct_give(measures, bytes, &own, sizeof own);
+  ern_struct_copy_out(measures, bytes, &own, sizeof own);
 fail:
   return status;
 }

@@ -118,7 +118,7 @@ ern_status ern_live_open(ern_context *context, const ern_live_options *options, 
   ern_live_options chosen = ern_live_options_default();
   ern_live *made = NULL;
   ern_status status = ERN_OK;
-  if (options != NULL) ERN_TRY(ERN_TAKE_CONFIG(context, ern_live_options, &chosen, options));
+  if (options != NULL) ERN_TRY(ERN_COPY_IN_CONFIG(context, ern_live_options, &chosen, options));
   ERN_TRY(check_options(context, &chosen));
   ERN_TRY(ERN_NEW(context, 1, &made));
   made->context = context;
@@ -553,7 +553,7 @@ ern_status ern_live_draw_sized(const ern_live_frame *frame, ern_renderer *render
                                 .window_length = frame->window_length,
                                 .width = frame->width};
   if (input == NULL ||
-      ERN_TAKE(NULL, ern_frame_input, &own, input, input_bytes) != ERN_OK) /* ERN_TAKE reports the error */
+      ERN_COPY_IN(NULL, ern_frame_input, &own, input, input_bytes) != ERN_OK) /* ERN_COPY_IN reports the error */
     return ern_renderer_frame_sized(renderer, input, input_bytes, output, output_bytes, times, times_bytes);
   const ern_status status = ern_renderer_accepts(renderer, &windows, "live");
   if (status != ERN_OK) return status;

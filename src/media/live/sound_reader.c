@@ -132,7 +132,7 @@ ern_status ern_sound_reader_open(ern_context *context, const char *url, const er
   ern_sound_reader_options chosen = ern_sound_reader_options_default();
   ern_sound_reader *made = NULL;
   ern_status status = ERN_OK;
-  if (options != NULL) ERN_TRY(ERN_TAKE_CONFIG(context, ern_sound_reader_options, &chosen, options));
+  if (options != NULL) ERN_TRY(ERN_COPY_IN_CONFIG(context, ern_sound_reader_options, &chosen, options));
   ERN_TRY(check_options(context, &chosen));
   ERN_TRY(ERN_NEW(context, 1, &made));
   made->context = context;

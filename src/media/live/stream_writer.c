@@ -212,7 +212,7 @@ ern_status ern_stream_writer_open(ern_context *context, const char *url, const e
   ern_stream_writer *made = NULL;
   ern_stream_options chosen = ern_stream_options_default(0, 0);
   ern_av_disable_log();
-  ERN_TRY(ERN_TAKE_CONFIG(context, ern_stream_options, &chosen, options));
+  ERN_TRY(ERN_COPY_IN_CONFIG(context, ern_stream_options, &chosen, options));
   ERN_TRY(check_options(context, url, &chosen));
   ERN_TRY(ERN_NEW(context, 1, &made));
   made->context = context;

@@ -88,7 +88,7 @@ fail:
 
 void ern_video_reader_info_sized(const ern_video_reader *reader, ern_video_info *info, size_t bytes) {
   const ern_video_info none = {0};
-  ern_struct_give(info, bytes, reader != NULL ? &reader->info : &none, sizeof none);
+  ern_struct_copy_out(info, bytes, reader != NULL ? &reader->info : &none, sizeof none);
 }
 
 /* The file's colour matrix; where the file has none, the choice of players: BT.709 from 720 rows on, BT.601 below. */

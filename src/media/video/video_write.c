@@ -81,7 +81,7 @@ ern_status ern_video_writer_open(ern_context *context, const char *path, const e
   ern_video_writer *made = NULL;
   ern_video_options chosen = ern_video_options_default(0, 0);
   ern_av_disable_log();
-  ERN_TRY(ERN_TAKE_CONFIG(context, ern_video_options, &chosen, options));
+  ERN_TRY(ERN_COPY_IN_CONFIG(context, ern_video_options, &chosen, options));
   ERN_TRY(check_options(context, path, &chosen));
   ERN_TRY(ERN_NEW(context, 1, &made));
   made->context = context;

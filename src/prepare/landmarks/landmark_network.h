@@ -13,7 +13,7 @@ extern "C" {
 
 /* Mean distance of points 17..67 from the guess, as a multiple of the guess's eye distance. The jaw's points are left
  * out: networks place them on different lines. */
-double ern_landmarks_apart(const float points[ERN_LANDMARKS][2], const float guess[ERN_LANDMARKS][2]);
+double ern_landmarks_distance(const float points[ERN_LANDMARKS][2], const float guess[ERN_LANDMARKS][2]);
 
 #ifdef __cplusplus
 }

@@ -178,7 +178,7 @@ ern_status check_picture(ern_landmark_network *network, const uint8_t *rgb, int 
 
 }  // namespace
 
-double ern_landmarks_apart(const float points[ERN_LANDMARKS][2], const float guess[ERN_LANDMARKS][2]) {
+double ern_landmarks_distance(const float points[ERN_LANDMARKS][2], const float guess[ERN_LANDMARKS][2]) {
   double eyes[2] = {0, 0}, sum = 0;
   for (int k = 36; k < 48; k++)
     for (int c = 0; c < 2; c++) eyes[c] += (k < 42 ? -1 : 1) * double(guess[k][c]) / 6;
@@ -233,7 +233,7 @@ ern_status ern_landmark_network_learn(ern_landmark_network *network, const uint8
         forward(*network, picture, c, found);
         for (int unit = 0; unit < UNITS; unit++) {
           place(*network, square, unit, found, points);
-          network->apart[c][s][unit] += ern_landmarks_apart(points, guess);
+          network->apart[c][s][unit] += ern_landmarks_distance(points, guess);
         }
       }
     }

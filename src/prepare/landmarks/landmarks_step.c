@@ -219,7 +219,7 @@ static ern_status write_points(struct ern_prepare_job *job, size_t frame, const 
         (size_t)snprintf(text + length, sizeof text - length, "%.2f %.2f\n",
                          fmin(fmax((double)points[k][0], -9999), 9999), fmin(fmax((double)points[k][1], -9999), 9999));
   snprintf(name, sizeof name, "ori_imgs/%zu.lms", frame);
-  const ern_status status = ern_prepare_claim(job, name, path);
+  const ern_status status = ern_prepare_register_output(job, name, path);
   return status == ERN_OK ? ern_file_write(job->context, path, text, length, ERN_EXISTING_REPLACE) : status;
 }
 
@@ -263,15 +263,15 @@ static ern_status check_supplied(struct ern_prepare_job *job, const struct ern_h
                                  const float (*points)[ERN_LANDMARKS][2]) {
   ern_status status = ERN_OK;
   float *apart = NULL, guess[ERN_LANDMARKS][2];
-  size_t astray = 0;
+  size_t mismatches = 0;
   ERN_TRY(ERN_NEW(job->context, job->frames, &apart));
   for (size_t i = 0; i < job->frames; i++) {
     apart[i] = HUGE_VALF;
     if (ern_landmarks_at_pose(job, &poses[i], guess))
-      apart[i] = (float)ern_landmarks_apart(points[i], (const float(*)[2])guess);
-    astray += apart[i] > 0.5f;
+      apart[i] = (float)ern_landmarks_distance(points[i], (const float(*)[2])guess);
+    mismatches += apart[i] > 0.5f;
   }
-  const double share = (double)astray / (double)job->frames;
+  const double share = (double)mismatches / (double)job->frames;
   ern_prepare_figure(job, "apart", (double)ern_quantile(apart, job->frames, 0.5));
   ern_prepare_figure(job, "astray", share);
   if (share > 0.02)

@@ -36,8 +36,8 @@ static ern_status rows_by_time(struct ern_prepare_job *job, const char *path, co
 }
 
 /* Replaces a row without success by the last row before it with success, at the beginning by the first such row. */
-static ern_status hold(struct ern_prepare_job *job, const char *path, const float *success, size_t *rows,
-                       size_t *held) {
+static ern_status fill_failed_rows(struct ern_prepare_job *job, const char *path, const float *success, size_t *rows,
+                                   size_t *held) {
   size_t last = 0;
   *held = 0;
   while (last < job->frames && !(success[rows[last]] > 0.5f)) last++;
@@ -76,7 +76,7 @@ ern_status ern_openface_landmarks(struct ern_prepare_job *job, const char *path,
   ERN_TRY(ern_csv_read_columns(job->context, path, list, ALL_COLUMNS, values, &count));
   ERN_TRY(ERN_NEW(job->context, job->frames, &rows));
   ERN_TRY(rows_by_time(job, path, values[POINT_COLUMNS], count, rows));
-  ERN_TRY(hold(job, path, values[POINT_COLUMNS + 1], rows, held));
+  ERN_TRY(fill_failed_rows(job, path, values[POINT_COLUMNS + 1], rows, held));
   const double begin[2] = {x, y}, size[2] = {width, side};
   for (size_t i = 0; i < job->frames; i++)
     for (int k = 0; k < POINT_COLUMNS; k++) {
@@ -105,7 +105,7 @@ static ern_status optional_column(struct ern_prepare_job *job, const char *path,
   return ERN_OK;
 }
 
-ern_status ern_openface_lids(struct ern_prepare_job *job, const char *path, float *values, size_t *held) {
+ern_status ern_openface_blinks(struct ern_prepare_job *job, const char *path, float *values, size_t *held) {
   ern_status status = ERN_OK;
   float *lids = NULL, *times = NULL, *success = NULL;
   size_t count = 0, again = 0, *rows = NULL;
@@ -128,7 +128,7 @@ ern_status ern_openface_lids(struct ern_prepare_job *job, const char *path, floa
                        path, count, job->frames));
     for (size_t i = 0; i < job->frames; i++) rows[i] = i;
   }
-  if (success != NULL) ERN_TRY(hold(job, path, success, rows, held));
+  if (success != NULL) ERN_TRY(fill_failed_rows(job, path, success, rows, held));
   for (size_t i = 0; i < job->frames; i++) {
     values[i] = lids[rows[i]];
     if (!(values[i] >= 0 && values[i] <= 5))

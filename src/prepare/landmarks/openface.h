@@ -15,7 +15,8 @@ ERN_NODISCARD ern_status ern_openface_landmarks(struct ern_prepare_job *job, con
 /* values[job->frames]: column AU45_r, by the column timestamp, seconds of the video. A table without that column has a
  * row for each frame of the clip, in order. Where there is a column success, frames without success hold the last
  * value, as above. ERN_E_FORMAT where a value is not in 0..5. */
-ERN_NODISCARD ern_status ern_openface_lids(struct ern_prepare_job *job, const char *path, float *values, size_t *held);
+ERN_NODISCARD ern_status ern_openface_blinks(struct ern_prepare_job *job, const char *path, float *values,
+                                             size_t *held);
 /* Adds a reason to the verdict where many frames are held. */
 void ern_openface_check(struct ern_prepare_job *job, const char *path, size_t held);
 

@@ -61,14 +61,14 @@ ERN_NODISCARD ern_status ern_person_mask(struct ern_person_model *model, const u
                                          const struct ern_layer_face *face, const uint8_t *supplied, uint8_t *mask);
 /* voted[work][work], 0..255: the mean of the masks of neighbouring frames, each warped by the head's motion to frame
  * `which` of them. */
-ERN_NODISCARD ern_status ern_person_vote(struct ern_person_model *model, const uint8_t *const *masks,
-                                         const struct ern_layer_face *const *faces, size_t count, size_t which,
-                                         uint8_t *voted);
+ERN_NODISCARD ern_status ern_person_temporal_mean(struct ern_person_model *model, const uint8_t *const *masks,
+                                                  const struct ern_layer_face *const *faces, size_t count, size_t which,
+                                                  uint8_t *voted);
 /* Refines the mask at the clip's resolution: alpha[side][side] 0..255, and the background behind the person,
  * behind[side][side][3]. Adds the colour distances along the person's border to the histogram border[16], bins 16 wide.
  */
-ERN_NODISCARD ern_status ern_person_edge(const struct ern_person_model *model, const uint8_t *rgb, const uint8_t *voted,
-                                         uint8_t *alpha, uint8_t *behind, size_t border[16]);
+ERN_NODISCARD ern_status ern_person_matte(const struct ern_person_model *model, const uint8_t *rgb,
+                                          const uint8_t *voted, uint8_t *alpha, uint8_t *behind, size_t border[16]);
 
 /* parts[side][side] of enum ern_layer_part, where alpha is 128 or more. */
 ERN_NODISCARD ern_status ern_head_parts(ern_context *context, const uint8_t *rgb, const uint8_t *alpha,

@@ -23,7 +23,7 @@ struct ern_person_example {
   cv::Mat frame, small; /* RGB, [side][side] and [work][work] */
   /* [work][work], 255 where the pixel is taken as the person, and as the background; both 0: unknown */
   cv::Mat mask, place;
-  cv::Mat breast; /* [work][work], 255 where the pixel is certainly the body */
+  cv::Mat chest;  /* [work][work], 255 where the pixel is certainly the body */
   cv::Mat motion; /* [work][work], log odds of the person by motion */
   ern_layer_face face;
 };
@@ -78,8 +78,8 @@ ern_status ern_layers_guarded(ern_context *context, Work work) {
 
 /* Warps mask [work][work] from the head's position in `from` to that in `to`: rows of the head move with it, rows at
  * the bottom of the picture by a third. */
-cv::Mat ern_person_carry(const ern_person_model &model, const cv::Mat &mask, const ern_layer_face &from,
-                         const ern_layer_face &to);
+cv::Mat ern_person_warp_mask(const ern_person_model &model, const cv::Mat &mask, const ern_layer_face &from,
+                             const ern_layer_face &to);
 /* Estimates the background from the examples and their masks. */
 void ern_person_background(ern_person_model *model, const uint8_t *background, bool key, ern_person_found *found);
 /* Stores the examples as references for motion. */

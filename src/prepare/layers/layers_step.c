@@ -37,7 +37,7 @@ struct layers {
   /* over the frames so far */
   size_t border[16];
   double covered, areas[3]; /* the person's share of the picture: mean; last three frames */
-  float *trembles;          /* [job->frames]: relative second differences of the area in time (jitter) */
+  float *jitter;            /* [job->frames]: relative second differences of the area in time (jitter) */
   size_t low, narrow;       /* frames that show the shoulders; those of them that are too narrow */
 };
 
@@ -53,7 +53,7 @@ static ern_status open_layers(struct layers *l, struct ern_prepare_job *job) {
     ERN_TRY(ern_folder_make(job->context, path));
   }
   ERN_TRY(ERN_NEW(job->context, job->frames, &l->faces));
-  ERN_TRY(ERN_NEW(job->context, job->frames, &l->trembles));
+  ERN_TRY(ERN_NEW(job->context, job->frames, &l->jitter));
   ERN_TRY(ERN_NEW(job->context, pixels, &l->mask));
   ERN_TRY(ERN_NEW(job->context, pixels, &l->alpha));
   ERN_TRY(ERN_NEW(job->context, pixels, &l->parts));
@@ -81,7 +81,7 @@ static void close_layers(struct layers *l) {
     ern_release(context, l->ring[i].parts);
   }
   ern_release(context, l->faces);
-  ern_release(context, l->trembles);
+  ern_release(context, l->jitter);
   ern_release(context, l->mask);
   ern_release(context, l->alpha);
   ern_release(context, l->parts);
@@ -167,7 +167,7 @@ static ern_status write_picture(struct layers *l, const char *folder, size_t fra
   char path[ERN_PREPARE_PATH], name[64];
   const ern_image image = {.width = l->job->side, .height = l->job->side, .channels = channels, .data = l->rgba};
   snprintf(name, sizeof name, "%s/%zu.%s", folder, frame, ending);
-  ern_status status = ern_prepare_claim(l->job, name, path);
+  ern_status status = ern_prepare_register_output(l->job, name, path);
   if (status == ERN_OK) status = ern_image_write(l->job->context, path, &image, QUALITY);
   return status;
 }
@@ -188,7 +188,7 @@ static void measure(struct layers *l, size_t frame) {
   l->covered += area / (double)l->job->frames;
   l->areas[frame % 3] = area;
   if (frame >= 2 && area > 0)
-    l->trembles[frame] = (float)(fabs(area - 2 * l->areas[(frame - 1) % 3] + l->areas[(frame - 2) % 3]) / area);
+    l->jitter[frame] = (float)(fabs(area - 2 * l->areas[(frame - 1) % 3] + l->areas[(frame - 2) % 3]) / area);
 }
 
 /* Detects missing shoulders: clothes that never move may be learnt as the background. */
@@ -224,8 +224,8 @@ static ern_status finish(struct layers *l, size_t frame, size_t last) {
     faces[count++] = &l->faces[f];
   }
   const uint8_t *rgb = own->image.data, *background = ern_person_model_background(l->model);
-  ERN_TRY(ern_person_vote(l->model, masks, faces, count, which, l->voted));
-  ERN_TRY(ern_person_edge(l->model, rgb, l->voted, l->alpha, l->behind, l->border));
+  ERN_TRY(ern_person_temporal_mean(l->model, masks, faces, count, which, l->voted));
+  ERN_TRY(ern_person_matte(l->model, rgb, l->voted, l->alpha, l->behind, l->border));
   if (own->has_parts) {
     memcpy(l->parts, own->parts, (size_t)job->side * (size_t)job->side);
     for (size_t k = 0; k < (size_t)job->side * (size_t)job->side; k++)
@@ -304,13 +304,13 @@ static void check_shoulders(const struct layers *l) {
 }
 
 /* Figures and verdict; the bounds come from test footage. covered: mean share of the picture that the person covers;
- * trembles[job->frames]: sorted in place; border: histogram of colour distances along the border, bins 16 wide. */
+ * jitter[job->frames]: sorted in place; border: histogram of colour distances along the border, bins 16 wide. */
 static void check_person(struct ern_prepare_job *job, const struct ern_person_found *found, double covered,
-                         float *trembles, const size_t border[16]) {
+                         float *jitter, const size_t border[16]) {
   size_t all = 0;
   for (int i = 0; i < 16; i++) all += border[i];
   const double faint = all > 0 ? (double)(border[0] + border[1]) / (double)all : 1;
-  const double tremble = (double)ern_quantile(trembles, job->frames, 0.9);
+  const double tremble = (double)ern_quantile(jitter, job->frames, 0.9);
   ern_prepare_figure(job, "person_share", covered);
   ern_prepare_figure(job, "area_tremble", tremble);
   ern_prepare_figure(job, "background_never_seen", found->never_seen);
@@ -348,14 +348,14 @@ ern_status ern_prepare_layers(struct ern_prepare_job *job) {
   ERN_TRY(cut_out(&l, examples, total));
   memcpy(l.rgba, ern_person_model_background(l.model), 3 * (size_t)job->side * (size_t)job->side);
   const ern_image background = {.width = job->side, .height = job->side, .channels = 3, .data = l.rgba};
-  ERN_TRY(ern_prepare_claim(job, "bc.jpg", path));
+  ERN_TRY(ern_prepare_register_output(job, "bc.jpg", path));
   ERN_TRY(ern_image_write(job->context, path, &background, QUALITY));
   if (l.place > 0 && l.place < 0.99)
     ern_prepare_add_reason(
         job, ERN_PREPARE_DOUBTFUL,
         "--background %s is enlarged %.3g times, and blurred; expected a picture as large as the video",
         job->options->background, 1 / l.place);
-  check_person(job, &l.found, l.covered, l.trembles, l.border);
+  check_person(job, &l.found, l.covered, l.jitter, l.border);
   check_shoulders(&l);
 fail:
   close_layers(&l);

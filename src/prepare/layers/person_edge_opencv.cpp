@@ -34,8 +34,8 @@ float share(const cv::Vec3f &c, const cv::Vec3f &f, const cv::Vec3f &b, bool see
 
 }  // namespace
 
-ern_status ern_person_edge(const ern_person_model *model, const uint8_t *rgb, const uint8_t *voted, uint8_t *alpha,
-                           uint8_t *behind, size_t border[16]) {
+ern_status ern_person_matte(const ern_person_model *model, const uint8_t *rgb, const uint8_t *voted, uint8_t *alpha,
+                            uint8_t *behind, size_t border[16]) {
   return ern_layers_guarded(model->context, [&] {
     const int n = model->side, radius = std::max(2, n / 128);
     const cv::Mat frame(n, n, CV_8UC3, const_cast<uint8_t *>(rgb));

@@ -87,9 +87,9 @@ void seed(const ern_person_model &model, ern_person_example &example) {
   example.mask = cv::Mat(n, n, CV_8U, cv::Scalar(0));
   fill(example.mask, head_of(example.face, SKULL, SKULL), shrink, 255);
   fill(example.mask, face_polygon(example.face, 0.95), shrink, 255);
-  example.breast = cv::Mat(n, n, CV_8U, cv::Scalar(0));
-  fill(example.breast, shoulders(example.face, 0.25, 0.1, 1.4, false), shrink, 255);
-  example.mask |= example.breast;
+  example.chest = cv::Mat(n, n, CV_8U, cv::Scalar(0));
+  fill(example.chest, shoulders(example.face, 0.25, 0.1, 1.4, false), shrink, 255);
+  example.mask |= example.chest;
   example.place = cv::Mat(n, n, CV_8U, cv::Scalar(0));
   fill(example.place, shoulders(example.face, 0.9, -0.12, 0.25, true), shrink, 255);
   fill(example.place, head_of(example.face, HAIR, HAIR), shrink, 0);
@@ -206,7 +206,7 @@ void learn_places(ern_person_model *model, bool first) {
   cv::Mat sum(model->work, model->work, CV_32F, cv::Scalar(0)), odds, moved;
   model->home = model->examples[model->examples.size() / 2].face;
   for (const ern_person_example &example : model->examples) {
-    ern_person_carry(*model, example.mask, example.face, model->home).convertTo(moved, CV_32F, 1.0 / 255);
+    ern_person_warp_mask(*model, example.mask, example.face, model->home).convertTo(moved, CV_32F, 1.0 / 255);
     sum += moved / double(model->examples.size());
   }
   likely(*model, model->home).convertTo(moved, CV_32F, 0.01);
@@ -219,7 +219,7 @@ void learn_places(ern_person_model *model, bool first) {
 
 /* Log odds of the person in each pixel. */
 cv::Mat odds_of(const ern_person_model &model, const cv::Mat &small, const ern_layer_face &face) {
-  cv::Mat odds = ern_person_carry(model, model.prior, model.home, face);
+  cv::Mat odds = ern_person_warp_mask(model, model.prior, model.home, face);
   for (int y = 0; y < small.rows; y++) {
     const size_t zone = size_t(zone_of(model, face, y)) * BINS * BINS * BINS;
     for (int x = 0; x < small.cols; x++) {
@@ -283,7 +283,7 @@ cv::Mat person_of(const ern_person_model &model, const cv::Mat &small, const ern
   cv::Mat odds = odds_of(model, small, face) + motion;
   if (!model.last.empty()) {
     cv::Mat last;
-    ern_person_carry(model, model.last, model.last_face, face)
+    ern_person_warp_mask(model, model.last, model.last_face, face)
         .convertTo(last, CV_32F, 2 * LAST_FRAME / 255, -LAST_FRAME);
     cv::GaussianBlur(last, last, cv::Size(5, 5), 0);
     odds += last;
@@ -307,8 +307,8 @@ std::vector<cv::Point> ern_layer_polygon(const float (*points)[2], int count, do
   return polygon;
 }
 
-cv::Mat ern_person_carry(const ern_person_model &model, const cv::Mat &mask, const ern_layer_face &from,
-                         const ern_layer_face &to) {
+cv::Mat ern_person_warp_mask(const ern_person_model &model, const cv::Mat &mask, const ern_layer_face &from,
+                             const ern_layer_face &to) {
   const float shrink = float(model.work) / float(model.side);
   const float dx = (to.centre[0] - from.centre[0]) * shrink, dy = (to.centre[1] - from.centre[1]) * shrink;
   if (std::fabs(dx) < 0.05F && std::fabs(dy) < 0.05F) return mask.clone();
@@ -410,14 +410,14 @@ ern_status ern_person_mask(ern_person_model *model, const uint8_t *rgb, const er
   });
 }
 
-ern_status ern_person_vote(ern_person_model *model, const uint8_t *const *masks, const ern_layer_face *const *faces,
-                           size_t count, size_t which, uint8_t *voted) {
+ern_status ern_person_temporal_mean(ern_person_model *model, const uint8_t *const *masks,
+                                    const ern_layer_face *const *faces, size_t count, size_t which, uint8_t *voted) {
   return ern_layers_guarded(model->context, [&] {
     const int n = model->work;
     cv::Mat sum(n, n, CV_16U, cv::Scalar(0)), wide;
     for (size_t k = 0; k < count; k++) {
       const cv::Mat mask(n, n, CV_8U, const_cast<uint8_t *>(masks[k]));
-      ern_person_carry(*model, mask, *faces[k], *faces[which]).convertTo(wide, CV_16U);
+      ern_person_warp_mask(*model, mask, *faces[k], *faces[which]).convertTo(wide, CV_16U);
       sum += wide;
     }
     cv::Mat out(n, n, CV_8U, voted);

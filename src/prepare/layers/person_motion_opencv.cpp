@@ -130,11 +130,11 @@ struct moved person_motion(const ern_person_model &model, const cv::Mat &picture
 void ern_person_motion_learn(ern_person_model *model) {
   const size_t count = model->examples.size();
   const ern_person_example &home = model->examples[count / 2];
-  cv::Mat breast;
-  cv::erode(home.breast, breast, cv::Mat());
+  cv::Mat chest;
+  cv::erode(home.chest, chest, cv::Mat());
   model->body_home = grey_of(home.small);
   model->body_points.clear();
-  cv::goodFeaturesToTrack(model->body_home, model->body_points, 80, 0.02, 3, breast);
+  cv::goodFeaturesToTrack(model->body_home, model->body_points, 80, 0.02, 3, chest);
   model->references.clear();
   const size_t step = std::max<size_t>(1, count / REFERENCES);
   for (size_t k = 0; k < count; k += step) {

@@ -6,8 +6,8 @@
 
 #include "ernerf-lab/measured_files.h"
 
-/* The 17 intensities that OpenFace 2 writes, those of the upper face first, as the script auerror.py of the paper's
- * authors parts them. */
+/* The 17 intensities that OpenFace 2 writes, those of the upper face first, divided as in the script auerror.py of the
+ * paper's authors. */
 enum { UPPER = 8, UNITS = 17, SUCCESS = UNITS, COLUMNS };
 static const char *const names[COLUMNS] = {"AU01_r", "AU02_r", "AU04_r", "AU05_r", "AU06_r", "AU07_r",
                                            "AU09_r", "AU45_r", "AU10_r", "AU12_r", "AU14_r", "AU15_r",
@@ -30,7 +30,7 @@ static bool succeeds(const ern_table *table, size_t row) {
   return table->columns[SUCCESS] == NULL || table->columns[SUCCESS][row] > 0.5f;
 }
 
-/* Sum over the units [begin, end) that both have of the mean over the frames of the squared difference. */
+/* Mean squared difference over the frames, summed over the units in [begin, end) that both tables have. */
 static double sum_of(const ern_table *drawn, const ern_table *truth, int begin, int end, size_t frames) {
   double sum = 0;
   bool any = false;

@@ -5,7 +5,7 @@
 #include <string.h>
 #include <unistd.h>
 
-/* Whether each frame is the one after the frame before it. */
+/* Whether the frames are consecutive. */
 static bool follow(const struct frame_source *source) {
   for (size_t k = 1; k < source->count; k++)
     if (source->source_frame[k].pose.img_id != source->source_frame[k - 1].pose.img_id + 1) return false;

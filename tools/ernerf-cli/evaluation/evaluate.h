@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * Pictures, most often a model's, held against the frames of a clip: what `eval`, `compare` and `ablate` share. */
+ * Compares pictures, usually rendered by a model, with the recorded frames of a clip. Shared by `eval`, `compare` and
+ * `ablate`. */
 #ifndef ERN_CLI_EVALUATE_H
 #define ERN_CLI_EVALUATE_H
 
@@ -12,25 +13,25 @@
 #include "session/portrait.h"
 #include "session/session.h"
 
-/* Frames of a clip and room for a picture of one. */
+/* Frames of a clip, and buffers for one rendered picture. */
 struct evaluation {
   struct session *session;
   ern_clip *clip; /* the caller's */
   ern_clip_info info;
   const ern_features *features;
-  float scale; /* of the camera's place */
+  float scale; /* of the camera's position */
   ern_audio_pad pad;
   struct frame_source frame_source;
   struct background background;
   float *windows, refined[16];
-  const float *head_pose;    /* [16] for evaluate_input in the place of the frame's own; NULL, the default: that */
-  float *rgb;                /* [height][width][3], as drawn last; so is the next one */
+  const float *head_pose;    /* [16] used by evaluate_input in place of the frame's; NULL, the default: the frame's */
+  float *rgb;                /* [height][width][3], drawn last; rgba likewise */
   uint8_t *rgba;             /* [height][width][4] */
-  struct measures *measures; /* evaluate_picture adds its frame; NULL: not wanted */
-  bool bytes_alone; /* evaluate_draw leaves rgb as it is, for its time to be that of 8-bit pixels alone; false */
+  struct measures *measures; /* evaluate_picture adds its frame to them; NULL: not wanted */
+  bool bytes_alone;          /* evaluate_draw does not fill rgb, so that it times 8-bit pixels alone; false */
 };
 
-/* Of one frame. */
+/* Figures of one frame. */
 struct evaluated {
   double psnr, ssim, head, mouth; /* head, mouth: PSNR in dB of the regions, where has_head, has_mouth */
   bool has_head, has_mouth;
@@ -38,22 +39,22 @@ struct evaluated {
   ern_frame_times times;
 };
 
-/* Returns 0, or EXIT_FAILURE after a message, as those below do. evaluate_close in either case. */
+/* Returns 0, or EXIT_FAILURE after a message, as do the functions below. Call evaluate_close in either case. */
 int evaluate_open(struct evaluation *evaluation, struct session *session, ern_clip *clip, enum frame_source_split split,
                   float scale, ern_audio_pad pad);
-/* The same for a portrait, which it opens: the frames of its --split that --frames asks for. portrait_close in either
- * case. measures: takes the frames that are evaluated. Returns an exit status after a message. */
+/* The same for a portrait, which it also opens: selects the frames by --split and --frames. Call portrait_close in
+ * either case. measures: accumulates the evaluated frames. Returns 0, or an exit status after a message. */
 int evaluate_open_portrait(struct evaluation *evaluation, struct portrait *portrait, struct session *session,
                            const struct args *args, struct measures *measures);
 void evaluate_close(struct evaluation *evaluation);
 
-/* What the renderer is given for frame k. What it points to lasts until the next call. A head is drawn over the frame's
+/* Fills the renderer's input for frame k. Its pointers are valid until the next call. A head is drawn over the frame's
  * torso picture, head and torso over the background. */
 int evaluate_input(struct evaluation *evaluation, const ern_model *model, size_t k, ern_frame_input *input);
-/* Draws frame k; of `evaluated` ms and times. */
+/* Draws frame k; sets ms and times of `evaluated`. */
 int evaluate_draw(struct evaluation *evaluation, ern_renderer *renderer, const ern_model *model, size_t k,
                   struct evaluated *evaluated);
-/* The figures of frame k, whose picture is in `rgb`, wherever it comes from; ms and times stay. */
+/* Computes the figures of frame k from the picture in `rgb`, from any source; leaves ms and times unchanged. */
 int evaluate_picture(struct evaluation *evaluation, size_t k, struct evaluated *evaluated);
 /* Draws and evaluates frame k. */
 int evaluate_frame(struct evaluation *evaluation, ern_renderer *renderer, const ern_model *model, size_t k,

@@ -5,7 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { COLUMNS = 3, GAIN = 4 /* of the difference */ };
+enum { COLUMNS = 3, GAIN = 4 /* factor of the shown difference */ };
 
 static void print_number(struct bytes *csv, const json_t *number, int digits) {
   if (json_is_number(number))
@@ -63,7 +63,7 @@ struct ranked {
   size_t place;
 };
 
-/* The larger value first, of equal ones the earlier frame. */
+/* Sorts by descending value; of equal values the earlier frame first. */
 static int by_value(const void *left, const void *right) {
   const struct ranked *a = left, *b = right;
   if (a->value != b->value) return a->value > b->value ? -1 : 1;

@@ -12,7 +12,7 @@ struct matrix {
   size_t rows, columns;
 };
 
-/* v becomes u of the reflection I - f u u^T that takes it to (*head, 0, ...); returns f. */
+/* Householder reflection I - f u u^T that maps v to (*head, 0, ...): replaces v by u, returns f. */
 static double reflection(double *v, size_t n, double *head) {
   double square = 0;
   for (size_t i = 0; i < n; i++) square += v[i] * v[i];
@@ -22,7 +22,7 @@ static double reflection(double *v, size_t n, double *head) {
   return norm > DBL_MIN ? 2 / norm : 0;
 }
 
-/* Reflects the rows from k on, so that column k is 0 below row k, where it has the value. */
+/* Reflects the rows from k on, so that column k is 0 below row k. Returns its value in row k. */
 static double reflect_rows(struct matrix m, size_t k, double *v, double *sums) {
   const size_t n = m.rows - k;
   double head;
@@ -36,7 +36,7 @@ static double reflect_rows(struct matrix m, size_t k, double *v, double *sums) {
   return head;
 }
 
-/* The same of the columns from k + 1 on and row k. */
+/* The same for row k and the columns from k + 1 on. */
 static double reflect_columns(struct matrix m, size_t k, double *v) {
   const size_t n = m.columns - k - 1;
   double head;
@@ -50,7 +50,8 @@ static double reflect_columns(struct matrix m, size_t k, double *v) {
   return head;
 }
 
-/* How many eigenvalues of the symmetric matrix with the diagonal 0 and, beside it, off[count] are under x. */
+/* Sturm count: number of eigenvalues below x of the symmetric tridiagonal matrix with diagonal 0 and off-diagonal
+ * off[count]. */
 static size_t count_under(const double *off, size_t count, double x) {
   double pivot = -x;
   size_t under = pivot < 0;
@@ -62,8 +63,8 @@ static size_t count_under(const double *off, size_t count, double x) {
   return under;
 }
 
-/* Sum of the singular values of a square matrix, which is overwritten: it is made bidiagonal by reflections (Golub and
- * Kahan, 1965), and these values are the positive eigenvalues of a tridiagonal matrix, found by bisection. */
+/* Sum of the singular values of a square matrix, which is overwritten: reflections make it bidiagonal (Golub and Kahan,
+ * 1965); its singular values are then the positive eigenvalues of a tridiagonal matrix, found by bisection. */
 static double nuclear_norm(struct matrix m, double *off, double *v, double *sums) {
   const size_t n = m.rows, count = 2 * n - 1;
   double most = 0, sum = 0;
@@ -73,7 +74,7 @@ static double nuclear_norm(struct matrix m, double *off, double *v, double *sums
   }
   for (size_t i = 0; i < count; i++) most = fmax(most, fabs(off[i]) + (i > 0 ? fabs(off[i - 1]) : 0));
   most *= 1 + 1e-10;
-  for (size_t k = 0; k < n; k++) { /* the value that k others are greater than or equal to */
+  for (size_t k = 0; k < n; k++) { /* the value with k others above or equal to it */
     double low = 0, high = most;
     while (high - low > 1e-15 * most) {
       const double middle = 0.5 * (low + high);
@@ -100,7 +101,7 @@ static double centre(struct matrix m, double *mean) {
   return trace;
 }
 
-/* To at most as many rows as columns, of the same covariance: the triangle R of Q R. */
+/* Reduces the matrix to at most as many rows as columns with the same covariance: R of its QR decomposition. */
 static struct matrix shorten(struct matrix m, double *v, double *sums) {
   if (m.rows <= m.columns) return m;
   for (size_t k = 0; k < m.columns; k++) {
@@ -128,5 +129,5 @@ double frechet_distance(double *a, double *b, size_t count, size_t width) {
     }
   distance -= 2 * nuclear_norm(product, off, v, mean);
   free(memory);
-  return fmax(distance, 0); /* of equal sets: what rounding leaves */
+  return fmax(distance, 0); /* rounding may make it negative for equal sets */
 }

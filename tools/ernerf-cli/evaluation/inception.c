@@ -8,7 +8,8 @@
 
 enum { LEAST_SIDE = 16, MOST_SIDE = 1024, MOST_FEATURES = 8192 };
 
-/* Where value i of `to` lies between two of `from`: the first of them, and the share of the next. */
+/* Linear interpolation of value i of `to` from `from` values: returns the index of the first; *share: weight of the
+ * next. */
 static int place_of(int i, int to, int from, float *share) {
   const float at = ((float)i + 0.5f) * (float)from / (float)to - 0.5f;
   const float inside = at < 0 ? 0 : at > (float)(from - 1) ? (float)(from - 1) : at;

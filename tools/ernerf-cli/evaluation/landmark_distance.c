@@ -37,7 +37,8 @@ static int truth_of(const struct evaluation *evaluation, size_t k, ern_image *tr
 
 /* ---- a folder ---------------------------------------------------------------------------------------------------- */
 
-/* Of frame k: ID.lms; or, beside the pictures of `render -o DIR/%05d.png`, their number. false: it is too long. */
+/* The file of frame k: ID.lms, or the number of the picture for pictures of `render -o DIR/%05d.png`. False: the path
+ * is too long. */
 static bool points_path(const struct landmark_distance *lmd, const struct evaluation *evaluation, size_t k,
                         bool by_number, char path[PATH_BYTES]) {
   const struct source_frame *frame = &evaluation->frame_source.source_frame[k];
@@ -47,7 +48,7 @@ static bool points_path(const struct landmark_distance *lmd, const struct evalua
   return bytes < PATH_BYTES;
 }
 
-/* The first frame decides it for all. */
+/* Whether files are named by number: the first frame decides for all. */
 static bool are_by_number(const struct landmark_distance *lmd, const struct evaluation *evaluation) {
   char by_id[PATH_BYTES], by_number[PATH_BYTES];
   size_t k = 0;
@@ -78,7 +79,7 @@ static int open_folder(struct landmark_distance *lmd, const struct evaluation *e
 
 /* ---- a network --------------------------------------------------------------------------------------------------- */
 
-/* Some recorded frames, evenly spaced, with the clip's landmarks as the guess. */
+/* Calibrates the network on some recorded frames, evenly spaced, with the clip's landmarks as the initial guess. */
 static int learn(struct landmark_distance *lmd, const struct evaluation *evaluation, size_t known) {
   const size_t examples = known < EXAMPLES ? known : EXAMPLES;
   size_t seen = 0, taken = 0;

@@ -36,7 +36,7 @@ static bool find_crop(const ern_clip_frame *frame, int width, int height, struct
          crop->top + crop->height <= height;
 }
 
-/* Bilinear between the middles of pixels, the nearest beyond the outermost ones. */
+/* Bilinear interpolation between pixel centres; outside the picture the nearest pixel. */
 static double sample(const float *grey, int width, int height, double x, double y) {
   const double cx = fmin(fmax(x - 0.5, 0), width - 1), cy = fmin(fmax(y - 0.5, 0), height - 1);
   const int i = (int)cx, j = (int)cy, i1 = i + 1 < width ? i + 1 : i, j1 = j + 1 < height ? j + 1 : j;
@@ -130,7 +130,7 @@ struct mouth_figures mouth_motion_figures(const struct mouth_motion *m) {
     moved += truth * truth;
     missed += (truth - drawn) * (truth - drawn);
   }
-  /* a hundredth of a grey level, root mean square, is no motion */
+  /* an RMS below a hundredth of a grey level counts as no motion */
   if (!(moved > 1e-4 / 255 / 255 * (double)(m->count * MOUTH_PIXELS))) return figures;
   principal_axis(m, p, axis);
   for (size_t k = 0; k < m->count; k++) {
@@ -142,7 +142,7 @@ struct mouth_figures mouth_motion_figures(const struct mouth_motion *m) {
   }
   figures.known = true;
   figures.explained = 1 - missed / moved;
-  figures.correlation = qq > 1e-10 * pp ? pq / sqrt(pp * qq) : NAN; /* rounding is no motion */
+  figures.correlation = qq > 1e-10 * pp ? pq / sqrt(pp * qq) : NAN; /* rounding errors do not count as motion */
   figures.amplitude = sqrt(qq / pp);
   return figures;
 }

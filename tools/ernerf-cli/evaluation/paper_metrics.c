@@ -8,7 +8,7 @@
 #include "evaluation/frame_figures.h"
 #include "evaluation/setting.h"
 
-enum { FID_FRAMES = 2048 /* as many as Inception-v3 has features; with fewer the distance is too high */ };
+enum { FID_FRAMES = 2048 /* number of features of Inception-v3; with fewer frames the distance is too high */ };
 static const char lpips_needs[] = "needs --lpips-network and --lpips-heads: AlexNet or VGG16 with the heads of LPIPS";
 static const char lmd_needs[] = "needs --landmarks: a network, FILE.onnx, or a folder of ID.lms of the rendered frames";
 static const char aue_needs[] = "needs --action-units and --recorded-action-units: OpenFace's tables";
@@ -103,7 +103,7 @@ void paper_metrics_close(struct paper_metrics *metrics) {
 
 /* ---- results ----------------------------------------------------------------------------------------------------- */
 
-/* What a metric needs that compares with recorded frames. */
+/* The text that tells what a metric with recorded frames needs. */
 static const char *truth_or(const struct paper_metrics *metrics, const char *needs) {
   return metrics->other_speech ? setting_no_truth : needs;
 }

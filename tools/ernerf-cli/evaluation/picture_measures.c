@@ -38,7 +38,7 @@ static double eye_distance(const ern_clip_frame *frame) {
   return hypot(between[0], between[1]);
 }
 
-/* The jaw's height at column x; NaN where it does not reach. */
+/* The jaw's y at column x; NaN outside the jaw line. */
 static double jaw_at(const ern_clip_frame *frame, double x) {
   for (int i = JAW_BEGIN; i < JAW_END; i++) {
     const double x0 = (double)frame->landmarks[i][0], x1 = (double)frame->landmarks[i + 1][0];

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * Measures of a rendered picture against the true one that PSNR does not tell: how sharp it is, and the seam between
- * head and torso. */
+ * Measures of a rendered picture against the true one that PSNR does not capture: sharpness, and the seam between head
+ * and torso. */
 #ifndef ERN_CLI_PICTURE_MEASURES_H
 #define ERN_CLI_PICTURE_MEASURES_H
 
@@ -13,11 +13,11 @@
 void grey_of_bytes(float *grey, const uint8_t *rgb, size_t pixels);
 void grey_of_colours(float *grey, const float *rgb, size_t pixels);
 
-/* Sum over the box's inner pixels of the squared gradient, by central differences; the box is cut at the picture. */
+/* Sum of the squared gradient (central differences) over the box's inner pixels; the box is clipped to the picture. */
 double gradient_energy(const float *grey, int width, int height, const ern_box *box);
 
-/* The band along the neck: from the jaw (the line through landmarks 4..12) 0.35 eye distances down. Adds the squares of
- * the differences in it to *sum and their number to *count. False without landmarks or where nothing of it is in the
+/* Uses the band along the neck: from the jaw (the line through landmarks 4..12) 0.35 eye distances down. Adds the
+ * squared differences in it to *sum and their number to *count. False without landmarks or if the band lies outside the
  * picture. */
 bool neck_difference(const ern_clip_frame *frame, const float *truth, const float *rendered, int width, int height,
                      double *sum, size_t *count);

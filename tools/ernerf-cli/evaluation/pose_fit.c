@@ -8,30 +8,30 @@
 #include "ernerf/train.h"
 
 enum {
-  N = 6,           /* a rotation vector about the scene's origin, then a move */
+  N = 6,           /* a rotation vector about the scene's origin, then a translation */
   ITERATIONS = 12, /* most */
-  HALVINGS = 3     /* of a step that makes the picture worse */
+  HALVINGS = 3     /* halvings of a step that makes the picture worse */
 };
 
 static const double degree = 3.14159265358979323846 / 180;
-static const double probe_turn = 0.1, probe_move = 0.5; /* of a central difference: degrees, mm */
+static const double probe_turn = 0.1, probe_move = 0.5; /* step of a central difference: degrees, mm */
 static const double still_turn = 0.01, still_move = 0.05;
-static const double most_turn = 5, most_move = 30; /* from the start: beyond, it is another view, not an error */
-static const double huber = 0.1;                   /* of a colour, 0..1 */
+static const double most_turn = 5, most_move = 30; /* limits from the start: beyond, it is another view, not an error */
+static const double huber = 0.1;                   /* threshold of the Huber loss, colours 0..1 */
 
 struct search {
   struct evaluation *evaluation;
   ern_renderer *renderer;
   ern_frame_input input;
-  size_t width, values; /* of a picture: pixels a row, 3 width height */
+  size_t width, values; /* of a picture: pixels in a row; 3 width height */
   ern_box left_out;
   float *truth;   /* [height][width][3], as the pictures below */
-  double unit[N]; /* what the six numbers are counted in: a probe's length; radians, scene units */
+  double unit[N]; /* unit of each of the six parameters: the length of a probe; radians, scene units */
   float *low, *high;
-  double best; /* cost of the pose so far */
+  double best; /* cost of the best pose so far */
 };
 
-/* out: the camera turned by the rotation vector about the scene's origin, then moved. */
+/* out: the camera rotated by the rotation vector about the scene's origin, then translated. */
 static void move_camera(float out[16], const float pose[16], const double by[N]) {
   const double angle = sqrt(by[0] * by[0] + by[1] * by[1] + by[2] * by[2]);
   const double s = angle > 0 ? sin(angle) / angle : 1, c = angle > 0 ? (1 - cos(angle)) / (angle * angle) : 0.5;
@@ -63,7 +63,7 @@ static bool counts(const struct search *search, size_t value) {
   return row < box->top || row >= box->bottom || column < box->left || column >= box->right;
 }
 
-/* Weight of a residual in least squares that make a Huber loss. */
+/* Weight of a residual in iteratively reweighted least squares for the Huber loss. */
 static double weight_of(double residual) { return fabs(residual) > huber ? huber / fabs(residual) : 1; }
 
 static double cost_of(const struct search *search, const float *rgb) {
@@ -92,7 +92,7 @@ static int find_slopes(struct search *search, const float pose[16], float *const
   return 0;
 }
 
-/* The normal equations sum w J J^T q = -sum w J r, a column the more for the right side. */
+/* Builds the normal equations sum w J J^T q = -sum w J r; the last column is the right-hand side. */
 static void add_up(const struct search *search, const float *rgb, float *const slopes[N], double equations[N][N + 1]) {
   memset(equations, 0, N * sizeof *equations);
   for (size_t i = 0; i < search->values; i++) {
@@ -105,8 +105,8 @@ static void add_up(const struct search *search, const float *rgb, float *const s
   }
 }
 
-/* Gaussian elimination of symmetric equations; a thousandth is added to the diagonal, so that what the picture does not
- * show stays. False where it shows nothing at all. */
+/* Gaussian elimination of symmetric equations. The diagonal grows by a thousandth (Levenberg-Marquardt damping), so
+ * that parameters without effect on the picture do not move. False if the picture depends on none. */
 static bool solve(double equations[N][N + 1], double q[N]) {
   double most = 0;
   for (int k = 0; k < N; k++) most = fmax(most, equations[k][k]);
@@ -126,7 +126,7 @@ static bool solve(double equations[N][N + 1], double q[N]) {
   return true;
 }
 
-/* How far the camera has gone about the origin, and from where it would then be. */
+/* Rotation of the camera about the origin, and its translation after that rotation. */
 static void find_way(const struct search *search, const float from[16], const float to[16], double *turn,
                      double *move) {
   double trace = 0, square = 0;
@@ -144,7 +144,8 @@ static void find_way(const struct search *search, const float from[16], const fl
   *move = 1000 * sqrt(square) / (double)search->evaluation->scale;
 }
 
-/* The step, or what of it makes the picture better; its length in probes, 0 where none does. rgb: the picture there. */
+/* Takes the step, halved until it improves the picture. *length: in probes; 0: no improvement. rgb: the picture at the
+ * new pose. */
 static int take_step(struct search *search, const float start[16], float pose[16], float *rgb, double q[N],
                      double *length) {
   *length = 0;
@@ -189,7 +190,8 @@ static int iterate(struct search *search, float *memory, struct pose_fit *fit) {
   return 0;
 }
 
-/* The truth and what is left out of it. The picture is copied: evaluate_input may read another one. */
+/* Takes the recorded frame and the mask of excluded pixels. Copies the picture, because evaluate_input may read another
+ * one. */
 static int take_truth(struct search *search, size_t k) {
   struct evaluation *evaluation = search->evaluation;
   const struct source_frame *source_frame = &evaluation->frame_source.source_frame[k];
@@ -197,7 +199,7 @@ static int take_truth(struct search *search, size_t k) {
   if (ern_clip_pixels(evaluation->clip, source_frame->split, source_frame->index, &truth, NULL) != ERN_OK)
     return session_fail(evaluation->session);
   for (size_t i = 0; i < search->values; i++) search->truth[i] = (float)truth.data[i] / 255;
-  /* as a training has it; nothing where the landmarks are not known */
+  /* the lower face as in training; empty if the landmarks are not known */
   ern_dataset dataset;
   ern_dataset_frame frame;
   ern_clip_dataset(evaluation->clip, &dataset);

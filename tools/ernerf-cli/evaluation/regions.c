@@ -5,10 +5,10 @@ enum { EYES_BEGIN = 36, EYES_END = 48, LIPS_BEGIN = 48, LIPS_END = 60, LANDMARKS
 
 static int clip_to(int value, int most) { return value < 0 ? 0 : value > most ? most : value; }
 
-/* Cut to what fits any picture, so that a wild value is no overflow; toward zero. */
+/* Truncates toward zero, and clamps so that extreme values do not overflow. */
 static int whole(float value) { return value < -1e6f ? -1000000 : value > 1e6f ? 1000000 : (int)value; }
 
-/* Of the landmarks [begin, end), not yet cut at the picture. */
+/* Bounding box of the landmarks [begin, end), not yet clipped to the picture. */
 static ern_box box_of(const float landmarks[][2], int begin, int end) {
   const int first_x = whole(landmarks[begin][0]), first_y = whole(landmarks[begin][1]);
   ern_box box = {.top = first_y, .bottom = first_y, .left = first_x, .right = first_x};
@@ -34,7 +34,7 @@ bool region_head(const ern_clip_frame *frame, int width, int height, ern_box *bo
   return frame->has_landmarks && cut(box_of(frame->landmarks, 0, LANDMARKS), width, height, box);
 }
 
-/* The longer side of the lips' box, about its middle. */
+/* The square around the centre of the lips' box, with its longer side. */
 bool region_mouth(const ern_clip_frame *frame, int width, int height, ern_box *box) {
   if (!frame->has_landmarks) return false;
   const ern_box lips = box_of(frame->landmarks, LIPS_BEGIN, LIPS_END);

@@ -45,7 +45,7 @@ int setting_check(int *setting, const struct args *args, struct portrait *portra
                      setting_no_truth);
 }
 
-/* Frames at 25 a second that the speech is long enough for. */
+/* Number of frames at 25 fps that the speech covers. */
 static int frames_of_speech(const struct evaluation *evaluation, const char *path, size_t *frames) {
   ern_sound sound = {0};
   *frames = evaluation->features->windows;
@@ -70,7 +70,7 @@ int setting_open(int setting, struct evaluation *evaluation, const struct portra
                              speech, portrait->source.path);
   if (frames_of_speech(evaluation, speech, &frames) != 0) return EXIT_FAILURE;
   source->count = 0;
-  for (size_t k = 0; k < all; k++) { /* a clip gives the frames after the end the last window, and so its aud_id */
+  for (size_t k = 0; k < all; k++) { /* a clip's frames after the end have the last window, and so its aud_id */
     const ern_pose *pose = &source->source_frame[k].pose;
     if (pose->img_id < (int64_t)frames && pose->aud_id < (int64_t)frames)
       source->source_frame[source->count++] = source->source_frame[k];

@@ -12,7 +12,7 @@ static const double pi = 3.14159265358979323846, emphasis = 0.97;
 struct tables {
   double cosine[TURN], sine[TURN];         /* of 2 pi k/TURN */
   double filter[FILTERS][BINS];            /* triangles, evenly spaced in mel from 0 to half the rate */
-  double transform[SYNC_CEPSTRA][FILTERS]; /* cosine transform of type 2, orthonormal, times the lifter */
+  double transform[SYNC_CEPSTRA][FILTERS]; /* orthonormal DCT-II, times the lifter */
 };
 
 size_t sync_cepstra_rows(size_t samples) { return samples <= WINDOW ? 1 : 1 + (samples - WINDOW + STEP - 1) / STEP; }
@@ -39,10 +39,10 @@ static void fill_tables(struct tables *t) {
                            (1 + 0.5 * LIFTER * sin(pi * k / LIFTER));
 }
 
-/* The logarithm that silence has too. */
+/* A logarithm that is also defined for silence. */
 static double logarithm(double value) { return log(value > 0 ? value : DBL_EPSILON); }
 
-/* power[i] = |X_i|^2/512 of the window, which is followed by zeros and not weighted. */
+/* power[i] = |X_i|^2/512 of the window, zero-padded and without a window function. */
 static void power_of(const struct tables *t, const double window[WINDOW], double power[BINS]) {
   for (size_t i = 0; i < BINS; i++) {
     double real = 0, imaginary = 0;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * Cepstra (MFCC) as SyncNet hears them: those of python_speech_features with its defaults (docs/evaluation.md). */
+ * MFCC features, the audio input of SyncNet: those of python_speech_features with its defaults (docs/evaluation.md). */
 #ifndef ERN_CLI_SYNC_CEPSTRA_H
 #define ERN_CLI_SYNC_CEPSTRA_H
 
@@ -7,7 +7,7 @@
 
 enum { SYNC_RATE = 16000, SYNC_CEPSTRA = 13 };
 
-/* Rows of 13 cepstra, 100 a second, of a sound of that many samples (> 0). */
+/* Number of rows of 13 cepstra (100 rows a second) for a sound of `samples` samples (> 0). */
 size_t sync_cepstra_rows(size_t samples);
 /* rows[sync_cepstra_rows(samples)][13] of samples at 16000 Hz, full scale 32768. The caller frees them; NULL without
  * memory. */

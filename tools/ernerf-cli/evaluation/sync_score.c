@@ -18,7 +18,7 @@ struct sync_score sync_score(const float *seen, const float *heard, size_t count
   struct sync_score score = {.distance = INFINITY};
   for (int s = 0; s < SYNC_SHIFTS; s++) {
     for (size_t i = 0; i < count; i++) {
-      const size_t at = i + (size_t)s; /* SYNC_SHIFT too far */
+      const size_t at = i + (size_t)s; /* index + SYNC_SHIFT */
       const float *other = at >= SYNC_SHIFT && at - SYNC_SHIFT < count ? heard + (at - SYNC_SHIFT) * width : NULL;
       double square = 0;
       for (size_t k = 0; k < width; k++)

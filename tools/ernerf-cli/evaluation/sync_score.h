@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * How well pictures and sound agree, by embeddings of both (Chung and Zisserman, 2016; docs/evaluation.md). */
+ * Audio-visual synchronization score from embeddings of pictures and sound (Chung and Zisserman, 2016;
+ * docs/evaluation.md). */
 #ifndef ERN_CLI_SYNC_SCORE_H
 #define ERN_CLI_SYNC_SCORE_H
 
@@ -9,11 +10,12 @@ enum { SYNC_SHIFT = 15, SYNC_SHIFTS = 2 * SYNC_SHIFT + 1 };
 
 struct sync_score {
   double distance;   /* least mean distance over the shifts */
-  double confidence; /* the median of the mean distances less the least */
-  int offset;        /* frames that the sound is early by where the distance is least */
+  double confidence; /* median minus minimum of the mean distances */
+  int offset;        /* at the least distance: frames by which the sound is early */
 };
 
-/* seen, heard: [count][width]. Heard ones that the shift takes from before the first or after the last are zeros. */
+/* seen (pictures), heard (sound): [count][width]. Rows of `heard` that a shift takes from outside [0, count) count as
+ * zeros. */
 struct sync_score sync_score(const float *seen, const float *heard, size_t count, size_t width);
 
 #endif

@@ -11,7 +11,7 @@
 
 enum { SPAN = 5, LEFT_OUT = 5, STEPS = 20, HOP = 4, MEDIAN = 13, PADDING = 110, SAMPLES = SYNC_RATE / 25 };
 enum { LEAST_FRAMES = 2 * SYNC_SHIFT, LEAST_SIDE = 16, MOST_SIDE = 512, MOST_WIDTH = 8192 };
-/* Over the landmarks' box: how much of its height is added above it; and the public program's crop_scale. */
+/* Share of the landmarks' box height that is added above it for the forehead; the public program's crop_scale. */
 static const double forehead = 0.25, margin = 0.4;
 
 /* ---- the square ---------------------------------------------------------------------------------------------------
@@ -22,7 +22,7 @@ static int by_value(const void *left, const void *right) {
   return a < b ? -1 : a > b;
 }
 
-/* Middle and half side of the face's box: x, y, half. */
+/* Centre and half side of the face's box: x, y, half. */
 static void face_of(const ern_clip_frame *frame, double box[3]) {
   double low[2] = {HUGE_VAL, HUGE_VAL}, high[2] = {-HUGE_VAL, -HUGE_VAL};
   for (size_t k = 0; k < 2 * 68; k++) {
@@ -57,7 +57,7 @@ static float pixel_of(const uint8_t *pixels, int channels, int width, int height
   return (float)pixels[((size_t)y * (size_t)width + (size_t)x) * (size_t)channels + (size_t)c];
 }
 
-/* The square as the last of the five frames: blue, green, red of 0..255, bilinear between the middles of pixels. */
+/* Puts the crop into the last of the five frames: blue, green, red of 0..255, bilinear between pixel centres. */
 static void put_frame(const struct syncnet *sync, float *input, struct sync_crop crop, const uint8_t *pixels,
                       int channels, int width, int height) {
   const size_t side = (size_t)sync->side, plane = side * side;
@@ -102,7 +102,7 @@ static int open_networks(struct syncnet *sync, struct session *session) {
   return 0;
 }
 
-/* The embedding of a window: row `row` of to[windows][width], of which the first one makes room for all. */
+/* Computes the embedding of a window into row `row` of to[windows][width]; the first call allocates all rows. */
 static int embed(struct syncnet *sync, struct session *session, ern_network *network, const char *path,
                  const float *input, float **to, size_t row) {
   const float *output = NULL;
@@ -167,7 +167,7 @@ static int read_sound(struct syncnet *sync, const struct evaluation *evaluation,
 /* ---- frames -------------------------------------------------------------------------------------------------------
  */
 
-/* The frames' squares; frames must follow each other and have landmarks. */
+/* Computes the frames' crops. Frames must be consecutive and have landmarks. */
 static int take_crops(struct syncnet *sync, const struct evaluation *evaluation) {
   const struct frame_source *source = &evaluation->frame_source;
   struct session *session = evaluation->session;

@@ -8,12 +8,12 @@
 
 enum { SYNC_DRAWN, SYNC_TRUE, SYNC_SIDES };
 
-/* A square of a frame. */
+/* A square crop of a frame. */
 struct sync_crop {
-  double x, y, side; /* of its corner, pixels */
+  double x, y, side; /* position of the top left corner, and side; pixels */
 };
 
-/* Over the frames of an evaluation. Zeroed but for the paths: none yet. */
+/* Over the frames of an evaluation. Initial state: zero except for the paths. */
 struct syncnet {
   const char *video_path, *audio_path; /* FILE.onnx each; NULL: not wanted */
   ern_network *video, *audio;
@@ -26,16 +26,16 @@ struct syncnet {
   float *heard;                        /* [windows][width] */
   struct sync_score score[SYNC_SIDES]; /* by syncnet_finish */
   bool known;
-  bool drawn_alone; /* set before syncnet_open: the recorded frames do not speak the sound, and have no score */
+  bool drawn_alone; /* set before syncnet_open: the recorded frames do not belong to the sound, and get no score */
 };
 
-/* The square of frame k of `count` frames with these landmarks: see docs/evaluation.md. */
+/* The crop of frame k of `count` frames with these landmarks: see docs/evaluation.md. */
 struct sync_crop sync_crop_of(const ern_clip_frame *const *frames, size_t count, size_t k);
 
-/* `sound`: the speech that the frames are drawn from. Each returns 0, or EXIT_FAILURE after a message. syncnet_close in
+/* `sound`: the speech that drives the frames. Each returns 0, or EXIT_FAILURE after a message. Call syncnet_close in
  * either case. */
 int syncnet_open(struct syncnet *sync, const struct evaluation *evaluation, const char *sound);
-/* Frame k, as evaluate_frame has drawn it. */
+/* Adds frame k, as evaluate_frame has drawn it. */
 int syncnet_add(struct syncnet *sync, const struct evaluation *evaluation, size_t k);
 void syncnet_finish(struct syncnet *sync);
 void syncnet_close(struct syncnet *sync);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * The paper's ablation: its rows, what is measured of each, and the files that say so. */
+ * The paper's ablation: its rows, the measurements of each, and the result files. */
 #ifndef ERN_CLI_ABLATION_H
 #define ERN_CLI_ABLATION_H
 
@@ -16,7 +16,7 @@ struct ablation_kind {
   const char *name; /* "trihash-channel" */
   ern_backbone backbone;
   ern_attention attention;
-  double paper_psnr, paper_lmd; /* dB; landmark distance: in the paper's table, on clips of its own */
+  double paper_psnr, paper_lmd; /* dB; landmark distance: from the paper's table, on the paper's clips */
 };
 /* The rows of the paper's two tables, in their order. */
 extern const struct ablation_kind ablation_kinds[ABLATION_ROWS];
@@ -26,17 +26,17 @@ extern const char *const ablation_files[ABLATION_FILES]; /* names in DIR */
 
 struct ablation_row {
   const struct ablation_kind *kind;
-  /* One figure a seed: the mean over the frames. */
+  /* One figure for each seed: the mean over the frames. */
   double psnr[ABLATION_SEEDS], ssim[ABLATION_SEEDS], mouth[ABLATION_SEEDS], seconds[ABLATION_SEEDS];
   size_t seeds;
   bool has_mouth;
-  /* The standard deviation over the frames, in the mean over the seeds: how far a frame is from the mean. */
+  /* The standard deviation over the frames, averaged over the seeds. */
   double psnr_frames, ssim_frames, mouth_frames;
-  double ms[ABLATION_TIMES]; /* of frames, drawn in turns with the other rows */
+  double ms[ABLATION_TIMES]; /* times of frames, drawn in turns with the other rows */
   size_t times;
-  bool fused;               /* drawn by a pass of its own, the others stage by stage */
-  double sample_flops;      /* of the model as written */
-  size_t parameters, bytes; /* trained numbers; of the file */
+  bool fused;               /* drawn by one fused pass; other rows stage by stage */
+  double sample_flops;      /* of the model as its equations stand */
+  size_t parameters, bytes; /* trained parameters; bytes of the file */
 };
 
 struct ablation {
@@ -45,7 +45,7 @@ struct ablation {
   const char *clip;
   int width, height, rays, threads;
   float lr_net;  /* learning rate of the networks */
-  size_t frames; /* that were evaluated */
+  size_t frames; /* evaluated frames */
   uint64_t iters;
   const char *backend, *isa;
   char processor[128];
@@ -55,13 +55,13 @@ struct ablation {
 
 /* The object of --json and of ablation.json; NULL without memory. */
 json_t *ablation_json(const struct ablation *ablation);
-/* Writes DIR/ablation.csv, ablation.json and ablation.md, each whole or not at all. Returns 0, or EXIT_FAILURE after a
- * message. */
+/* Writes DIR/ablation.csv, ablation.json and ablation.md, each atomically. Returns 0, or EXIT_FAILURE after a message.
+ */
 int ablation_write(const struct ablation *ablation, struct session *session, const char *folder);
-/* Whether --resume may replace the tables in the folder: there are none, or ablation.json says that each of their rows
- * is among these. Returns 0, or EXIT_FAILURE after a message. */
+/* Checks that --resume may replace the tables in the folder: there are none, or all rows of ablation.json are among the
+ * present rows. Returns 0, or EXIT_FAILURE after a message. */
 int ablation_check_earlier(const struct ablation *ablation, struct session *session, const char *folder);
-/* Adds the tables as Markdown, which is what ablation.md holds. */
+/* Adds the tables as Markdown, the content of ablation.md. */
 void ablation_text(const struct ablation *ablation, struct bytes *text);
 
 #endif

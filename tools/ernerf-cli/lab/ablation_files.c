@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * The paper's tables, as figures and as text. */
+ * Writes the tables of the ablation, as JSON, CSV and Markdown. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -24,7 +24,7 @@ const char *const ablation_files[ABLATION_FILES] = {"ablation.json", "ablation.c
 /* The paper's supplement, "The Number of Hash Collisions": Instant-NGP; frontal, side 1, side 2. */
 static const double paper_volume = 835186, paper_plane[3] = {138345, 31041, 26048};
 
-/* Milliseconds of a frame. */
+/* Quartiles of the time of a frame, milliseconds. */
 static struct quartiles frame_ms_of(const struct ablation_row *row) {
   double ms[ABLATION_TIMES];
   if (row->times == 0) return (struct quartiles){NAN, NAN, NAN};
@@ -32,7 +32,7 @@ static struct quartiles frame_ms_of(const struct ablation_row *row) {
   return quartiles_of(ms, row->times);
 }
 
-/* Over the seeds where there are several, else how far frames are from their mean. */
+/* Mean and deviation over the seeds; with one seed, the deviation over the frames. */
 static struct mean_and_deviation figure_of(const double *values, size_t seeds, double frames) {
   const struct mean_and_deviation found = mean_of(values, seeds);
   return (struct mean_and_deviation){found.mean, seeds > 1 ? found.deviation : frames};
@@ -181,7 +181,7 @@ static void add_csv(const struct ablation *ablation, struct bytes *text) {
   }
 }
 
-/* The JSON goes first: a folder with any of the tables then has the one that ablation_check_earlier reads. */
+/* Writes the JSON first: a folder with any of the tables then has the file that ablation_check_earlier reads. */
 int ablation_write(const struct ablation *ablation, struct session *session, const char *folder) {
   struct bytes csv = {0}, text = {0};
   char path[4096];
@@ -202,7 +202,7 @@ static bool has_row(const struct ablation *ablation, const char *name) {
   return false;
 }
 
-/* What the tables are of, but for the number of steps, which may grow. */
+/* Checks that an earlier table has the same conditions, except the number of steps, which may grow. */
 static int check_terms(const struct ablation *ablation, struct session *session, const json_t *root, const char *path) {
   const json_t *psnr = json_object_get(json_array_get(json_object_get(root, "rows"), 0), "psnr");
   const struct {

@@ -8,19 +8,18 @@
 /* ---- the CPU and a device ---------------------------------------------------------------------------------------- */
 
 static bool is_cpu(const char *backend) { return strcmp(backend, "cpu") == 0; }
-/* Of a device the name is too long for a column. */
+/* The name of a device is too long for a column. */
 static const char *place_of(const char *backend, const char *isa) { return is_cpu(backend) ? isa : backend; }
 static bool both(const struct bench_results *results) { return results->cpu != NULL && results->device.name != NULL; }
 
-/* What a device is compared with: the last instruction set of the CPU, which is the best of those that were not named;
- * NULL: there is nothing to compare. */
+/* The baseline for a device: the last instruction set of the CPU, by default the best; NULL: nothing to compare. */
 static const char *compared_with(const struct bench_results *results) {
   const char *isa = NULL;
   for (size_t k = 0; both(results) && k < results->machine.peaks; k++)
     if (is_cpu(results->machine.peak[k].backend)) isa = results->machine.peak[k].isa;
   return isa;
 }
-/* How many times as fast as that one; NaN: nothing to compare. */
+/* Speed-up over the baseline; NaN: nothing to compare. */
 static double speed_of_kernel(const struct bench_results *results, const ern_bench_kernel *kernel) {
   const char *isa = compared_with(results);
   for (size_t i = 0; isa != NULL && i < results->kernel_count; i++) {
@@ -64,7 +63,7 @@ void bench_print_scene(const struct bench_results *results) {
   printf("a sample is %.0f FLOP as written, %.0f with layers folded\n\n", s->sample_flops, s->folded_flops);
 }
 
-/* A device has no single threads. */
+/* A device has no figure for a single thread. */
 static void print_rate(const char *name, const char *unit, const ern_bench_rate *rate, bool device) {
   char one[32] = "-";
   if (!device) snprintf(one, sizeof one, "%.1f", rate->one * 1e-9);
@@ -189,7 +188,7 @@ static json_t *peak_json(const ern_bench_peak *peak) {
   return object;
 }
 
-/* "isas" are the CPU's, "devices" the others. */
+/* "isas": instruction sets of the CPU; "devices": the others. */
 static json_t *peaks_json(const ern_bench_machine *m) {
   json_t *isas = json_array(), *devices = json_array();
   for (size_t k = 0; k < m->peaks; k++)

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * What `bench` found, as tables on standard output and as a JSON object. */
+ * Prints the results of `bench` as tables on standard output and as a JSON object. */
 #ifndef ERN_CLI_BENCH_REPORT_H
 #define ERN_CLI_BENCH_REPORT_H
 
@@ -7,12 +7,12 @@
 #include "session/session.h"
 
 struct bench_device {
-  const char *name, *driver; /* name NULL: none is measured */
+  const char *name, *driver; /* name NULL: no device is measured */
   int number;
 };
 
 struct bench_results {
-  const char *cpu; /* NULL: it is not measured */
+  const char *cpu; /* NULL: the CPU is not measured */
   struct bench_device device;
   const char *model, *clip; /* NULL: made up */
   ern_bench_scene_info scene;
@@ -27,7 +27,7 @@ struct bench_results {
 void bench_print_scene(const struct bench_results *results);
 void bench_print_peaks(const struct bench_results *results);
 void bench_print_kernels(const struct bench_results *results);
-/* `title`: "a frame"; item: what the samples a second are given with. */
+/* `title`: for example "a frame". */
 void bench_print_passes(const struct bench_results *results, const char *title, const ern_bench_pass *passes);
 
 /* A new reference; NULL: no memory. */

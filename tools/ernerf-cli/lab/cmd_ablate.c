@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * ernerf ablate: the paper's ablation on a clip of one's own. Every row is trained with the same steps, rays and seeds,
+ * ernerf ablate: the paper's ablation on the user's clip. Every row is trained with the same steps, rays and seeds,
  * evaluated on the same frames, and drawn in turns with the others. */
 #include <inttypes.h>
 #include <stdio.h>
@@ -31,7 +31,7 @@ struct ablate_job {
   ern_clip *clip;
   struct evaluation evaluation;
   struct ablation result;
-  ern_model *model[ABLATION_ROWS]; /* of the first seed, with its renderer */
+  ern_model *model[ABLATION_ROWS]; /* model of the first seed, with its renderer */
   ern_renderer *renderer[ABLATION_ROWS];
   struct progress progress;
 };
@@ -136,8 +136,8 @@ static int path_of(struct ablate_job *job, const struct ablation_row *row, uint6
   return written < PATH_BYTES ? 0 : session_fail_with(&job->session, "%s: the name is too long", job->folder);
 }
 
-/* Nothing of an earlier ablation is replaced without --overwrite; --resume goes on with it. */
-/* The tables of an earlier call are drawn again, so they are no links to files of others, and no inputs. */
+/* Replaces no file of an earlier ablation without --overwrite; --resume continues it. */
+/* The tables of an earlier call are rewritten, so they must not be symbolic links or inputs. */
 static int check_tables(struct ablate_job *job) {
   char path[PATH_BYTES];
   struct stat about;
@@ -156,7 +156,7 @@ static int check_tables(struct ablate_job *job) {
 static int check_outputs(struct ablate_job *job) {
   char path[PATH_BYTES];
   struct stat about;
-  const bool again = job->resume && !job->session.overwrite; /* rows of the tables: ablation_check_earlier */
+  const bool again = job->resume && !job->session.overwrite; /* ablation_check_earlier checks the rows */
   for (size_t r = 0; again && r < job->result.rows; r++)
     for (int seed = 0; seed < job->seeds; seed++) {
       if (path_of(job, &job->result.row[r], job->session.seed + (uint64_t)seed, path) != 0) return EXIT_FAILURE;
@@ -213,7 +213,7 @@ static int say_progress(void *user, const ern_train_report *report) {
   return session_interrupted();
 }
 
-/* A training that is gone on with is one of the table's: its rays, rate and seed are those of all rows. */
+/* A resumed training must belong to the table: it must have the same rays, rate and seed as all rows. */
 static int check_state(struct ablate_job *job, const char *path, uint64_t seed) {
   ern_train_state state;
   ern_model_info info;
@@ -228,7 +228,7 @@ static int check_state(struct ablate_job *job, const char *path, uint64_t seed) 
                            path, state.rays, (double)state.lr_net, state.seed, job->rays, (double)job->lr_net, seed);
 }
 
-/* Seconds of training behind the model, without saving and validation. */
+/* *seconds: training time of the model, without saving and validation. */
 static ern_status train(struct ablate_job *job, const struct ablation_row *row, uint64_t seed, const char *path,
                         double *seconds) {
   ern_train_config config = ern_train_config_default();
@@ -260,7 +260,8 @@ static ern_status train(struct ablate_job *job, const struct ablation_row *row, 
 
 /* ---- evaluation -------------------------------------------------------------------------------------------------- */
 
-/* Figures of all frames with one model, their means and deviations into the row. values: room for 3 a frame. */
+/* Evaluates all frames with one model, and puts means and deviations into the row. values: scratch, 3 for each frame.
+ */
 static int evaluate_frames(struct ablate_job *job, struct ablation_row *row, size_t seed, const ern_model *model,
                            ern_renderer *renderer, double *values) {
   const size_t frames = job->evaluation.frame_source.count;
@@ -307,7 +308,7 @@ static int open_model(struct ablate_job *job, const char *path, ern_model **mode
   return 0;
 }
 
-/* Trains and evaluates one model; that of the first seed is kept to be timed. */
+/* Trains and evaluates one model; the model of the first seed is kept for timing. */
 static int run_one(struct ablate_job *job, size_t r, size_t seed) {
   struct session *session = &job->session;
   struct ablation_row *row = &job->result.row[r];
@@ -342,7 +343,7 @@ static int run_one(struct ablate_job *job, size_t r, size_t seed) {
 
 /* ---- time, size, collisions -------------------------------------------------------------------------------------- */
 
-/* Each row draws a frame, then each the next one; the first round warms up. */
+/* Times frames in turns: each row draws a frame, then each draws the next one; the first round is a warm-up. */
 static int take_turns(struct ablate_job *job) {
   struct ablation *result = &job->result;
   progress_begin(&job->progress, &job->session, "drawing in turns", "rounds");
@@ -361,7 +362,7 @@ static int take_turns(struct ablate_job *job) {
   return 0;
 }
 
-/* On the samples of the first frame. */
+/* Counts hash collisions for the samples of the first frame. */
 static int count_collisions(struct ablate_job *job, const ern_model *model) {
   struct session *session = &job->session;
   const struct source_frame *source_frame = &job->evaluation.frame_source.source_frame[0];

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * ernerf bench: how fast the machine is, and how much of it is used: kernels, a frame, a training step. */
+ * ernerf bench: measures the machine's peaks, and how much of them kernels, a frame and a training step use. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -12,11 +12,11 @@
 #include "verbs.h"
 
 enum { AUDIO_WINDOWS = 8, LANDMARKS = 68, OWN_OPTIONS = 7, PLACE_OPTIONS = 4, NAME_BYTES = 128, SIDE = 450 };
-static const double restless = 1.3; /* median over least of a loop that needs nothing but the processor */
+static const double restless = 1.3; /* limit of median / least time of a compute-bound loop */
 enum only { ONLY_ALL, ONLY_PEAKS, ONLY_KERNELS, ONLY_FRAME, ONLY_STEP };
 enum place { PLACE_CPU, PLACE_OPENCL, PLACE_ALL };
 
-/* Parts of the time that --seconds gives. */
+/* Shares of the time of --seconds. */
 static const struct { double peaks, kernels, frame, step, torso_step; } part = {0.1, 0.45, 0.2, 0.17, 0.08};
 
 struct bench_job {
@@ -75,8 +75,8 @@ static int open_isa(struct bench_job *job, const char *name) {
   return open_backend(job, &config);
 }
 
-/* --isa. Else all that the machine has but the reference in double, which is for checking alone; beside a device the
- * best of them. */
+/* Opens --isa; else all instruction sets of the machine except ref64, which is only for checking; if a device is
+ * measured too, only the best one. */
 static int open_isas(struct bench_job *job) {
   const char *list = job->isas, *cut = ",";
   if (list == NULL && job->place == PLACE_ALL) return open_isa(job, "auto");
@@ -96,7 +96,7 @@ static int open_isas(struct bench_job *job) {
   return 0;
 }
 
-/* The CPU's first, the device last. */
+/* Opens the CPU's backends first, the device last. */
 static int open_backends(struct bench_job *job) {
   ern_backend_config config = ern_backend_config_default();
   int status = 0;
@@ -110,7 +110,7 @@ static int open_backends(struct bench_job *job) {
 
 /* ---- the scene --------------------------------------------------------------------------------------------------- */
 
-/* Box of the landmarks, cut at the picture; the whole picture where there are none. */
+/* Bounding box of the landmarks, clipped to the picture; without landmarks the whole picture. */
 static ern_box face_of(const ern_clip_frame *frame, int width, int height) {
   ern_box box = {.top = height, .bottom = 0, .left = width, .right = 0};
   for (int i = 0; i < LANDMARKS && frame->has_landmarks; i++) {
@@ -124,7 +124,7 @@ static ern_box face_of(const ern_clip_frame *frame, int width, int height) {
   return box.top < box.bottom && box.left < box.right ? box : (ern_box){0, height, 0, width};
 }
 
-/* The first frame of the clip. */
+/* Makes the scene from the first frame of the clip. */
 static int scene_of_clip(struct bench_job *job) {
   struct portrait *portrait = &job->portrait;
   struct session *session = &job->session;
@@ -212,7 +212,7 @@ static bool wants(const struct bench_job *job, enum only part_of) {
   return job->only == ONLY_ALL || job->only == (int)part_of;
 }
 
-/* The whole time, less the parts that are not asked for. */
+/* Scales the shares so that the requested parts use the whole time. */
 static double stretched(const struct bench_job *job, double of) {
   double all = part.peaks;
   if (wants(job, ONLY_KERNELS)) all += part.kernels;
@@ -276,8 +276,8 @@ static int measure_step(struct bench_job *job, bool torso) {
   return status;
 }
 
-/* Counts what is in the scene: on the CPU, whose last backend is the fastest, so that a device has no kernels to build
- * for it. */
+/* Counts the samples of the scene on the CPU's last, fastest backend, so that a device need not build kernels for this.
+ */
 static int describe(struct bench_job *job) {
   struct session *session = &job->session;
   if (job->place == PLACE_OPENCL && session->backend == NULL && session_backend(session) != ERN_OK)
@@ -403,7 +403,7 @@ static int check_words(const struct bench_job *job, const struct args *args) {
   status = args_forbid(args, "force", "needs MODEL CLIP");
   if (status < 0 && job->only != ONLY_ALL && job->only != ONLY_FRAME)
     status = args_forbid(args, "frames", "repeats a frame, which --only leaves out");
-  /* beside a device, kernels have a step's samples */
+  /* if a device is measured too, kernels get a step's samples */
   const bool kernels = job->only == ONLY_KERNELS && job->place != PLACE_CPU;
   if (status < 0 && job->only != ONLY_ALL && job->only != ONLY_STEP && !kernels)
     status = args_forbid(args, "rays", "is of a training step, which --only leaves out");
@@ -443,7 +443,7 @@ int cmd_bench(int argc, char **argv) {
   job.session.inputs[1] = job.portrait.source.path;
   if (status < 0) status = session_open(&job.session, &args);
   if (status >= 0) return status;
-  job.session.backend_choice = SESSION_CPU; /* where the scene is read and counted; backends to be measured are apart */
+  job.session.backend_choice = SESSION_CPU; /* for reading and counting the scene; measured backends are separate */
   job.terminal = isatty(STDERR_FILENO) != 0;
   status = open_backends(&job);
   if (status == 0) status = open_scene(&job, &args);

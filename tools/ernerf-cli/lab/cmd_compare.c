@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * ernerf compare: two portraits on the same frames. */
+ * ernerf compare: compares two portraits on the same frames. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -10,13 +10,13 @@
 #include "output/progress.h"
 #include "verbs.h"
 
-/* PICTURE_BYTES: pictures of the clip that stay in memory, without --memory: none, as each is read a few times in a
- * row. */
+/* PICTURE_BYTES: memory for the clip's pictures without --memory: practically none, as each is read only a few times in
+ * a row. */
 enum { OWN_OPTIONS = 2 + LPIPS_OPTIONS, PICTURE_BYTES = 1 };
 
 /* ---- opening ----------------------------------------------------------------------------------------------------- */
 
-/* Models first: a video is held against the clip of one, where there is one. */
+/* Opens models first: a video is compared with the clip of a model, if there is one. */
 static int open_sides(struct compare *c, const struct args *args) {
   struct session *session = &c->session;
   bool video[COMPARE_SIDES];

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * ernerf soak: trains under one hostile setting after another and checks all values after each step. */
+ * ernerf soak: stress test: trains with a series of extreme settings and checks all values after each step. */
 #include <errno.h>
 #include <inttypes.h>
 #include <math.h>
@@ -34,10 +34,10 @@ struct soak_job {
 
 /* ---- a round ----------------------------------------------------------------------------------------------------- */
 
-/* A torso's opacity is 1.002 times a sigmoid, less 0.001 (as in the paper's program), and rounding comes on top. */
+/* A torso's opacity is 1.002 times a sigmoid, minus 0.001 (as in the paper's program), plus rounding errors. */
 static bool in_range(float value) { return value >= -0.0011f && value <= 1.0011f; }
 
-/* A whole picture of what was learnt: every number finite, colours and opacity in 0..1. */
+/* Draws a whole picture with the trained model and checks it: all values finite, colours and opacity in 0..1. */
 static int draw(struct soak_job *job, const struct soak_data *data, ern_trainer *trainer) {
   struct session *session = &job->session;
   const ern_dataset *d = &data->bent;
@@ -75,7 +75,7 @@ static int draw(struct soak_job *job, const struct soak_data *data, ern_trainer 
   return 0;
 }
 
-/* The state is saved and dropped, and a new trainer goes on from it. */
+/* Saves the state, frees the trainer, and resumes with a new one. */
 static int drop_and_resume(struct soak_job *job, struct soak_round *round, const ern_dataset *data,
                            ern_trainer **trainer) {
   ern_train_report before, after;
@@ -91,7 +91,7 @@ static int drop_and_resume(struct soak_job *job, struct soak_round *round, const
   return session_fail_with(&job->session, "resumed at step %" PRIu64 ", expected %" PRIu64, after.step, before.step);
 }
 
-/* One step and a look at all that it leaves. */
+/* Makes one step and checks all resulting values. */
 static int step(struct soak_job *job, ern_trainer *trainer) {
   ern_train_report report;
   if (ern_trainer_step(trainer, &report) != ERN_OK) {
@@ -196,7 +196,7 @@ static int run(struct soak_job *job) {
 
 /* ---- beginning --------------------------------------------------------------------------------------------------- */
 
-/* Any head will do for a torso to go under. */
+/* Makes a head for the torso; any head will do. */
 static int make_head(struct soak_job *job) {
   ern_train_config config = ern_train_config_default();
   ern_trainer *trainer = NULL;
@@ -238,7 +238,7 @@ static int open_all(struct soak_job *job) {
 }
 
 static void close_all(struct soak_job *job) {
-  (void)rmdir(job->folder); /* unless something in it is of use */
+  (void)rmdir(job->folder); /* fails if the folder is not empty */
   ern_model_free(&job->head);
   ern_clip_free(&job->clip);
   free(job->buffers.speech);

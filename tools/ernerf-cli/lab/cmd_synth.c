@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * ernerf synth: a made-up clip. */
+ * ernerf synth: writes a synthetic clip. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -11,7 +11,7 @@
 
 struct drawing {
   struct progress progress;
-  int frames; /* in all; a text decides */
+  int frames; /* of the whole clip; with a text, its duration decides */
 };
 
 static int say_progress(void *user, int done, int total) {

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * ernerf tradeoff: what accuracy costs in time. */
+ * ernerf tradeoff: measures the trade-off between accuracy and time of rendering. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -44,7 +44,7 @@ static int make_files(struct tradeoff *t) {
   return status;
 }
 
-/* All or nothing: what fails leaves an earlier set as it was. */
+/* Writes all files or none: a failure leaves the files of an earlier run unchanged. */
 static int write_all(struct tradeoff *t) {
   session_stage(&t->session);
   return session_write_staged(&t->session, make_files(t));
@@ -89,7 +89,7 @@ static int open_all(struct tradeoff *t, const struct args *args) {
   if (ern_renderer_accepts(portrait->renderer, features, portrait->features_path) != ERN_OK)
     return session_fail(session);
   if (ern_file_sha256(session->context, portrait->model_path, t->model_sha256) != ERN_OK) return session_fail(session);
-  ern_renderer_free(&portrait->renderer); /* points have their own */
+  ern_renderer_free(&portrait->renderer); /* each point has its own renderer */
   status = evaluate_open(&t->evaluation, session, portrait->clip, split, portrait->scale,
                          (ern_audio_pad)portrait->audio_pad);
   if (status == 0) status = frame_source_of_clip(&t->speech, session, portrait->clip, split);
@@ -102,7 +102,7 @@ static int measure_and_write(struct tradeoff *t) {
   int status = tradeoff_measure_all(t);
   if (status == 0) status = write_all(t);
   if (status != 0) {
-    if (t->made_folder) (void)rmdir(t->folder); /* stays where there is something in it */
+    if (t->made_folder) (void)rmdir(t->folder); /* fails if the folder is not empty */
     return status;
   }
   if (!session_json_on_stdout(&t->session)) print_front(t);
@@ -124,7 +124,7 @@ static int check_words(const struct tradeoff *t, const struct args *args) {
                      "makes a frame depend on earlier frames, so that settings could not be compared");
 }
 
-/* `--training` is a verb within the verb: other words, other options. */
+/* `--training` acts as a separate verb with its own arguments and options. */
 static bool asks_for_training(int argc, char **argv) {
   for (int i = 0; i < argc; i++)
     if (strcmp(argv[i], "--training") == 0) return true;

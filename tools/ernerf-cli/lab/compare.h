@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * Two portraits on the same frames: what `ernerf compare` knows of them, and its figures. */
+ * Comparison of two portraits on the same frames: the state of `ernerf compare`, and its figures. */
 #ifndef ERN_CLI_COMPARE_H
 #define ERN_CLI_COMPARE_H
 
@@ -18,21 +18,21 @@ enum { COMPARE_SIDES = 2, COMPARE_FIGURES = 5, COMPARE_MEASURES = 7, COMPARE_SHO
 
 struct compare {
   struct session session;
-  struct portrait asked;           /* options and CLIP, as both sides take them */
+  struct portrait asked;           /* options and CLIP, shared by both sides */
   const char *path[COMPARE_SIDES]; /* A and B */
   const char *folder;
   /* made */
   struct compare_side side[COMPARE_SIDES];
-  ern_clip *clip; /* of two videos; NULL: a model's clip is there */
+  ern_clip *clip; /* if both sides are videos; NULL: a model's clip is used */
   struct comparison comparison;
   struct evaluated *evaluated[COMPARE_SIDES]; /* [frames] */
   struct perceptual_distance perceptual;      /* of both sides */
-  double *lpips[COMPARE_SIDES];               /* [frames]; NULL: not wanted */
-  json_t *rows[COMPARE_SIDES + 1];            /* arrays of a row a frame: of A, of B, of B - A */
-  size_t shown[COMPARE_SHOWN];                /* frames: B at its best against A, median, at its worst */
-  struct stat video;                          /* the file of the video while it has no last name; st_ino 0: none */
+  double *lpips[COMPARE_SIDES];               /* [frames]; NULL: not requested */
+  json_t *rows[COMPARE_SIDES + 1];            /* arrays with one row for each frame: A, B, B - A */
+  size_t shown[COMPARE_SHOWN];                /* frames: B relative to A at best, median, at worst */
+  struct stat video;                          /* the video's file while it has a temporary name; st_ino 0: none */
   bool made_folder;
-  bool begun; /* the mark of a comparison that is under way is taken away at the end (compare_files.c) */
+  bool begun; /* a marker file of the running comparison exists; it is removed at the end (compare_files.c) */
 };
 
 extern const char compare_letters[COMPARE_SIDES];            /* "AB" */
@@ -42,22 +42,23 @@ extern const char *const compare_shown_names[COMPARE_SHOWN]; /* "best" ... */
 struct compare_figure {
   const char *name, *title; /* "psnr", "PSNR" */
   int digits;               /* of a table */
-  bool smaller;             /* is better; else the larger is */
+  bool smaller;             /* smaller is better; else larger is */
 };
 extern const struct compare_figure compare_figures[COMPARE_FIGURES];
-/* How many of them there are: all with the weights of LPIPS, else all but LPIPS. */
+/* Number of figures: all with the weights of LPIPS, else all but LPIPS. */
 size_t compare_figure_count(const struct compare *c);
 
-/* Over the frames that have it; NaN: none has. interval: half of a mean's 95 % interval, NaN for fewer than two. */
+/* Summary over the frames that have the figure; NaN: none has it. interval: half-width of the mean's 95 % confidence
+ * interval, NaN for fewer than two frames. */
 struct compare_summary {
   double mean[COMPARE_SIDES], interval[COMPARE_SIDES];
   double difference, difference_interval; /* B - A by frame */
-  size_t wins[COMPARE_SIDES], equal;      /* frames in which the side's is better; in which both are the same */
+  size_t wins[COMPARE_SIDES], equal;      /* frames in which the side is better; in which both are equal */
 };
 
 size_t compare_frames(const struct compare *c);
 const struct source_frame *compare_frame(const struct compare *c, size_t k);
-/* Figure `figure` of frame k; NaN where the frame has not the region. */
+/* Figure `figure` of frame k; NaN: the frame lacks the region. */
 double compare_value(const struct compare *c, size_t side, size_t k, size_t figure);
 /* The same, B - A. */
 double compare_difference(const struct compare *c, size_t k, size_t figure);
@@ -66,10 +67,10 @@ double compare_difference(const struct compare *c, size_t k, size_t figure);
 int compare_make_rows(struct compare *c);
 struct compare_summary compare_summarise(const struct compare *c, size_t figure);
 
-/* Figures that are of all frames together, such as the motion of the mouth. NaN where the clip does not tell. */
+/* Figures over all frames together, such as the motion of the mouth. NaN: not known for this clip. */
 struct compare_measure {
   const char *title;
-  const char *best; /* what the recorded frame itself has */
+  const char *best; /* the value of the recorded frames themselves */
   double value[COMPARE_SIDES];
 };
 void compare_measures(const struct compare *c, struct compare_measure measures[COMPARE_MEASURES]);

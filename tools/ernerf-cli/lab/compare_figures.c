@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * The figures of two portraits: by frame, in the mean, as JSON, as a table. */
+ * The figures of two portraits: for each frame, as means, as JSON, as a table. */
 #include <inttypes.h>
 #include <math.h>
 #include <stdlib.h>
@@ -37,7 +37,7 @@ double compare_difference(const struct compare *c, size_t k, size_t figure) {
 
 /* ---- over the frames --------------------------------------------------------------------------------------------- */
 
-/* A row: of a side, or of the differences where `side` is COMPARE_SIDES. */
+/* The row of a side; side COMPARE_SIDES: of the differences. */
 static json_t *row_of(const struct compare *c, size_t side, size_t k) {
   json_t *row = json_object();
   for (size_t f = 0; f < compare_figure_count(c); f++) {

@@ -14,15 +14,15 @@
 
 enum { PATH_BYTES = 4096, COLUMNS = 2 * COMPARE_SIDES + 1 };
 
-/* compare.json is the mark of a folder that is ours, so it comes first: a folder that has any of the files has it. The
- * last two are of a comparison that is under way: the video while it grows, and the mark of a folder that has no
- * compare.json yet, which is there before the video and goes after all files have their names. */
+/* compare.json marks a folder of this program, so it comes first: a folder with any of the files has it. The last two
+ * belong to a running comparison: the growing video, and the marker of a folder without compare.json, which is created
+ * before the video and removed after all files are renamed. */
 static const char *const names[] = {"compare.json", "frames.csv",  "best.png",        "median.png",   "worst.png",
                                     "index.html",   "compare.mp4", "compare.mp4.new", "compare.begun"};
 enum { NAMES = sizeof names / sizeof *names, MARK = 0, CSV = 1, PAGE = 5, VIDEO = 6, GROWING = 7, BEGUN = 8 };
-/* The member "format" of either mark. */
+/* The member "format" of the two markers. */
 static const char whole_format[] = "ernerf.compare", begun_format[] = "ernerf.compare.begun";
-/* Where the writer of the video has it before that (base.h, "How files are written"). */
+/* The temporary file of the video's writer (base.h, "How files are written"). */
 #define GROWING_TEMPORARY "compare.mp4.new.ernerf-tmp"
 
 static int path_in(struct compare *c, const char *name, char path[PATH_BYTES]) {
@@ -32,7 +32,8 @@ static int path_in(struct compare *c, const char *name, char path[PATH_BYTES]) {
 
 /* ---- before ------------------------------------------------------------------------------------------------------ */
 
-/* What a killed writer of one of the files has left; whoever writes that file looks whether it is. */
+/* Whether the name is a temporary file that a killed writer left; the next writer of that file checks that it is stale.
+ */
 static bool is_left_over(const char *name) {
   static const char suffix[] = ".ernerf-tmp";
   for (size_t i = 0; i < NAMES; i++) {
@@ -42,7 +43,7 @@ static bool is_left_over(const char *name) {
   return false;
 }
 
-/* Files of the folder besides what is left over; -1: it cannot be read. */
+/* Number of files in the folder, without leftovers; -1: it cannot be read. */
 static long count_files(const char *folder) {
   DIR *list = opendir(folder);
   long count = 0;
@@ -53,7 +54,7 @@ static long count_files(const char *folder) {
   return count;
 }
 
-/* Whether the folder that `folder` is to lie in is there. */
+/* Whether the parent of `folder` exists. */
 static bool parent_exists(const char *folder) {
   char path[PATH_BYTES];
   size_t length = strlen(folder);
@@ -87,12 +88,13 @@ int compare_files_check(struct compare *c) {
   } else if (!parent_exists(c->folder)) {
     return session_fail_with(session, "%s: the folder around it does not exist", c->folder);
   }
-  /* the video of a comparison that was killed goes, in compare_files_open */
+  /* compare_files_open removes the video of a killed comparison */
   if (session_check_outputs(session, c->folder, names, killed ? GROWING : BEGUN) != 0) return EXIT_FAILURE;
   return session_keep_json_out(session, c->folder);
 }
 
-/* Marks a folder that has no compare.json. *killed: a comparison that was killed has marked it; its video goes. */
+/* Creates the marker in a folder without compare.json. *killed: a killed comparison left the marker; its video is
+ * removed. */
 static int begin(struct compare *c, bool *killed) {
   char mark[PATH_BYTES], begun[PATH_BYTES], video[PATH_BYTES];
   struct stat about;
@@ -102,7 +104,7 @@ static int begin(struct compare *c, bool *killed) {
   *killed = is_mark(begun, begun_format);
   if (*killed && lstat(video, &about) == 0 && S_ISREG(about.st_mode)) (void)unlink(video);
   if (*killed || is_mark(mark, whole_format)) return 0;
-  c->begun = true; /* also where it fails: it may be there and its folder not be flushed */
+  c->begun = true; /* also after an error: the file may exist while its folder was not flushed */
   return session_write_json(&c->session, begun, json_pack("{s:s}", "format", begun_format));
 }
 
@@ -119,7 +121,7 @@ int compare_files_open(struct compare *c) {
   c->made_folder = access(c->folder, F_OK) != 0;
   if (session_folder(session, c->folder) != 0 || begin(c, &killed) != 0) return EXIT_FAILURE;
   if (comparison_open(&c->comparison, evaluation, COMPARE_SIDES, path, fits ? sound : NULL) != 0) return EXIT_FAILURE;
-  c->begun |= killed; /* nobody else writes the video, so the mark is ours to take away */
+  c->begun |= killed; /* no other process writes the video, so this one removes the marker */
   if (path_in(c, GROWING_TEMPORARY, path) != 0) return EXIT_FAILURE;
   return stat(path, &c->video) == 0 ? 0 : session_fail_with(session, "%s: cannot be read: %s", path, strerror(errno));
 }
@@ -166,7 +168,7 @@ static int read_file(struct session *session, const char *path, struct bytes *by
   return whole || bytes->failed ? 0 : session_fail_with(session, "%s: cannot be read to its end", path);
 }
 
-/* Ends the video, and takes it to the files that get their names together. */
+/* Completes the video, and adds it to the files that are renamed together. */
 static int write_video(struct compare *c) {
   struct bytes bytes = {0};
   char path[PATH_BYTES];
@@ -204,8 +206,8 @@ void compare_files_close(struct compare *c, bool done) {
   struct stat about;
   comparison_close(&c->comparison);
   if (c->video.st_ino != 0 && path_in(c, names[GROWING], path) == 0 && lstat(path, &about) == 0 &&
-      about.st_dev == c->video.st_dev && about.st_ino == c->video.st_ino) /* no file of another by that name */
+      about.st_dev == c->video.st_dev && about.st_ino == c->video.st_ino) /* the file of that name is this video */
     (void)unlink(path);
   if (c->begun && path_in(c, names[BEGUN], path) == 0) (void)unlink(path);
-  if (c->made_folder && !done) (void)rmdir(c->folder); /* stays where there is something in it */
+  if (c->made_folder && !done) (void)rmdir(c->folder); /* fails if the folder is not empty */
 }

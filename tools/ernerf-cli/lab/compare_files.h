@@ -1,18 +1,19 @@
 /* SPDX-License-Identifier: MIT
- * The folder that `ernerf compare` fills: whether it may, and all files in it or none. */
+ * The output folder of `ernerf compare`: checks that it may be used, and writes all files or none. */
 #ifndef ERN_CLI_COMPARE_FILES_H
 #define ERN_CLI_COMPARE_FILES_H
 
 #include "lab/compare.h"
 
-/* Before the work: fails where the folder holds files of others, where an earlier comparison may not be replaced, and
- * where an output is an input. Touches nothing. Returns 0, or EXIT_FAILURE after a message, as the next two do. */
+/* Called before the work. Fails if the folder holds other files, if an earlier comparison may not be replaced, or if an
+ * output is an input. Changes no file. Returns 0, or EXIT_FAILURE after a message, as the next two do. */
 int compare_files_check(struct compare *c);
-/* Makes the folder where it is missing, and begins the video in it, under a name that is not its last. */
+/* Creates the folder if it is missing, and begins the video in it under a temporary name. */
 int compare_files_open(struct compare *c);
-/* Draws the three frames again, and writes everything: no file gets its name before all are whole on the disk. */
+/* Draws the three shown frames again, and writes all files under temporary names; renames them only after all are
+ * complete on the disk. */
 int compare_files_write(struct compare *c);
-/* Removes what was begun and is not done. `done`: the folder stays even where nothing is in it. */
+/* Removes unfinished files, and an empty folder unless `done`. */
 void compare_files_close(struct compare *c, bool done);
 
 #endif

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * The results of `ernerf compare` as a page beside its pictures and its video. */
+ * The results of `ernerf compare` as an HTML page beside its pictures and its video. */
 #ifndef ERN_CLI_COMPARE_PAGE_H
 #define ERN_CLI_COMPARE_PAGE_H
 

@@ -45,7 +45,7 @@ static int next_picture(struct compare_side *side, struct session *session, bool
   return check_size(side, session, side->picture.width, side->picture.height);
 }
 
-/* Says that the video ends before picture `expected - 1`. */
+/* Reports that the video ends before picture `expected - 1`. */
 static int refuse_short(const struct compare_side *side, struct session *session, size_t expected) {
   static const char *const splits[] = {"training frames", "validation frames", "frames"};
   const struct portrait *portrait = &side->portrait;
@@ -55,7 +55,8 @@ static int refuse_short(const struct compare_side *side, struct session *session
                            portrait->model_path, side->next, expected, splits[portrait->split], portrait->source.path);
 }
 
-/* Reads the video to the last picture that is wanted; `whole`: of all frames of the split, so that is to be its end. */
+/* Reads the video up to the last needed picture; `whole`: all frames of the split are used, so the video must end
+ * there. */
 static int count_pictures(struct compare_side *side, struct session *session, size_t wanted, bool whole) {
   ern_video_info info;
   bool end = false;
@@ -77,7 +78,7 @@ static int count_pictures(struct compare_side *side, struct session *session, si
   return 0;
 }
 
-/* Picture `number` into rgb and rgba; one that has gone by is found from the beginning. */
+/* Reads picture `number` into rgb and rgba; for an earlier picture, reopens the video at its beginning. */
 static int read_picture(struct compare_side *side, size_t number) {
   struct session *session = side->evaluation.session;
   const size_t pixels = (size_t)side->evaluation.info.width * (size_t)side->evaluation.info.height;

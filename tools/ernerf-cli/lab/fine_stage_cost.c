@@ -3,19 +3,19 @@
 
 #include <stdlib.h>
 
-/* WARM: coarse steps before what is measured, at most; STEPS: of a training that does not come to its end. */
+/* WARM: most coarse steps before the measurement; STEPS: length of the training, which is never reached. */
 enum { WARM = 256, LEAST_WARM = 4, MOST_TURNS = 256, LEAST_TURNS = 8, STEPS = 1000000 };
-static const double warm_share = 0.3; /* of the seconds, for the warm-up of all trainers */
+static const double warm_share = 0.3; /* share of the seconds for the warm-up of all trainers */
 
 struct race {
   struct session *session;
   size_t count;
-  ern_fine_loss lpips; /* of the third */
+  ern_fine_loss lpips; /* loss of the third trainer */
   ern_trainer *trainer[FINE_STEPS];
   double ms[FINE_STEPS][MOST_TURNS], ratio[FINE_STEPS][MOST_TURNS];
 };
 
-/* Trainer i; the fine ones are coarse for `warm` steps. */
+/* Creates trainer i; the fine ones make `warm` coarse steps first. */
 static int make(struct race *race, size_t i, ern_backend *backend, const ern_dataset *dataset,
                 const ern_train_config *common, uint64_t warm) {
   ern_train_config config = *common;
@@ -35,7 +35,7 @@ static int step(struct race *race, size_t i, double *ms) {
   return status == ERN_OK ? 0 : session_fail(race->session);
 }
 
-/* The coarse one goes first and says how many steps there is time for; the others follow to the same place. */
+/* The coarse trainer runs first and determines how many steps fit into the time; the others make the same number. */
 static int warm_up(struct race *race, ern_backend *backend, const ern_dataset *dataset, const ern_train_config *config,
                    double seconds) {
   const double began = session_seconds(), most = warm_share * seconds / (double)race->count;
@@ -53,7 +53,7 @@ static int warm_up(struct race *race, ern_backend *backend, const ern_dataset *d
   return status;
 }
 
-/* Fills ms and ratio, in turns of which each begins with another trainer. */
+/* Fills ms and ratio in turns; each turn begins with another trainer. */
 static int take_turns(struct race *race, double seconds, size_t *turns) {
   const double began = session_seconds();
   for (*turns = 0; *turns < MOST_TURNS && (*turns < LEAST_TURNS || session_seconds() - began < seconds); ++*turns) {

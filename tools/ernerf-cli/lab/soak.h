@@ -1,12 +1,13 @@
 /* SPDX-License-Identifier: MIT
- * The hostile settings of `ernerf soak`: chosen by a seed and the number of a round, told in words. */
+ * The stress-test settings of `ernerf soak`: random extremes, a function of the seed and the number of the round; and
+ * their description as text. */
 #ifndef ERN_CLI_SOAK_H
 #define ERN_CLI_SOAK_H
 
 #include "ernerf/media.h"
 #include "ernerf/train.h"
 
-/* Random numbers by seed, round and count: the same on every machine. */
+/* Random numbers, a function of seed, round and counter: the same on every machine. */
 struct soak_random {
   uint64_t state;
 };
@@ -17,30 +18,30 @@ double soak_between(struct soak_random *random, double low, double high);
 enum soak_pixels { SOAK_PIXELS_AS_THEY_ARE, SOAK_PIXELS_BLACK, SOAK_PIXELS_WHITE, SOAK_PIXELS_NOISE, SOAK_PIXELS };
 enum soak_lids { SOAK_LIDS_AS_THEY_ARE, SOAK_LIDS_OPEN, SOAK_LIDS_CLOSED, SOAK_LIDS_FLUTTER, SOAK_LIDS };
 
-/* What one round trains with. */
+/* The settings of one round. */
 struct soak_round {
   uint64_t number, steps;
   ern_train_config config;
-  bool eye, layer;        /* the head blinks, and lies before the torso's layer */
-  float loud, near, turn; /* factors of the features and of the camera's distance; degrees that the head is turned by */
+  bool eye, layer;        /* the head blinks; a torso layer lies behind it */
+  float loud, near, turn; /* factors of the features and of the camera's distance; rotation of the head, degrees */
   enum soak_lids lids;
   enum soak_pixels pixels;
-  uint64_t resume_at; /* step after which it is saved, dropped and gone on from; 0: never */
+  uint64_t resume_at; /* step after which the trainer is saved, freed and resumed; 0: never */
 };
 
-/* A round on the clip's data; a torso goes under `head`, NULL: a head. */
+/* Chooses a round for the clip's data: a torso below `head`; NULL: a head. */
 void soak_choose(struct soak_round *round, uint64_t seed, uint64_t number, const ern_dataset *clip,
                  const ern_model *head);
 /* "rays 3, lr 0.41, ..." */
 void soak_words(const struct soak_round *round, char *text, size_t capacity);
 
-/* Room for what a round puts in place of the clip's own. */
+/* Buffers for data that a round substitutes for the clip's. */
 struct soak_buffers {
   float *speech;  /* the features */
   uint8_t *truth; /* [height][width][3] */
 };
 
-/* The clip's data as a round bends it. */
+/* The clip's data as modified by a round. */
 struct soak_data {
   ern_dataset clip, bent;
   const struct soak_round *round;

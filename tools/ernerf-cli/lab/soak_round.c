@@ -29,7 +29,7 @@ double soak_between(struct soak_random *random, double low, double high) {
   return low + (high - low) * (double)(next(random) >> 11) * 0x1p-53;
 }
 
-/* Each magnitude between the two is as likely. */
+/* Log-uniform between low and high. */
 static double magnitude(struct soak_random *random, double low, double high) {
   return exp(soak_between(random, log(low), log(high)));
 }
@@ -52,8 +52,9 @@ static void choose_head(struct soak_random *random, struct soak_round *round) {
   config->head_random_background = random_bool(random);
 }
 
-/* How many steps, and how often all cells are looked at, which costs as much as a hundred steps of few rays; of `mlp`,
- * whose 2 million cells take 1 MFLOP each, as thousands. So there are 20 looks at most, of `mlp` one. */
+/* Chooses the number of steps and the interval of occupancy refreshes over all cells. A refresh costs as much as a
+ * hundred steps of few rays; for the backbone `mlp`, with 1 MFLOP for each of 2 million cells, as thousands of steps.
+ * So there are at most 20 refreshes, with `mlp` one. */
 static void choose_length(struct soak_random *random, struct soak_round *round) {
   const bool slow = !round->config.torso && round->config.backbone == ERN_BACKBONE_MLP;
   const double every = magnitude(random, 16, 1024), longest = 20 * every;
@@ -90,7 +91,7 @@ void soak_choose(struct soak_round *round, uint64_t seed, uint64_t number, const
   if (head != NULL) {
     ern_model_info about;
     ern_model_describe(head, &about);
-    config->max_steps = about.max_steps; /* a torso takes the head's */
+    config->max_steps = about.max_steps; /* a torso has the head's value */
     config->dt_gamma = about.dt_gamma;
     config->audio_pad = about.audio_pad;
     config->torso_gamma = random_bool(&random);

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * What `ernerf tradeoff` measures: points, each with its settings, its time and its distance from two truths. */
+ * The measurements of `ernerf tradeoff`: points, each with its settings, its time, and its PSNR against two references.
+ */
 #ifndef ERN_CLI_TRADEOFF_H
 #define ERN_CLI_TRADEOFF_H
 
@@ -10,10 +11,10 @@
 #include "session/settings.h"
 
 enum {
-  TRADEOFF_FRAMES = 16, /* at most, of the clip */
+  TRADEOFF_FRAMES = 16, /* at most, taken from the clip */
   TRADEOFF_POINTS = 64,
-  TRADEOFF_TURNS = 64, /* readings of a point at most */
-  TRADEOFF_LEAST = 3,  /* and at least */
+  TRADEOFF_TURNS = 64, /* most readings of a point */
+  TRADEOFF_LEAST = 3,  /* fewest */
   TRADEOFF_UNITS = 8
 };
 
@@ -21,35 +22,35 @@ enum truth { TRUTH_EXACT, TRUTH_CLIP, TRUTHS };
 
 struct point {
   struct settings settings;
-  char name[96]; /* what is not the default's, in words */
+  char name[96]; /* differences from the default, as text */
   size_t changes;
-  ern_renderer *renderer; /* NULL before its first picture */
-  double first_ms;        /* milliseconds a frame, one reading: what its turns will take */
-  double prepared;        /* milliseconds that its renderer took to make */
+  ern_renderer *renderer; /* NULL until its first picture */
+  double first_ms;        /* milliseconds a frame, one reading: predicts the time of its turns */
+  double prepared;        /* milliseconds to create its renderer */
   double readings[TRADEOFF_TURNS];
   size_t turns;
   struct quartiles ms;                /* of the readings, each the mean of the frames */
-  double db[TRUTHS][TRADEOFF_FRAMES]; /* PSNR of each frame against a truth, 100 at most */
-  double error;                       /* mean squared error against the exact render, of all frames; colours 0..1 */
+  double db[TRUTHS][TRADEOFF_FRAMES]; /* PSNR of each frame against a reference, 100 at most */
+  double error;                       /* mean squared error against the exact render over all frames; colours 0..1 */
   double worst;                       /* largest difference of a colour from the exact render, 0..1 */
   struct place place[TRUTHS];
 };
 
-/* Where pictures are computed. */
+/* A compute unit that renders pictures. */
 struct unit {
   char backend[16], isa[24];
   int device;
-  ern_backend *made; /* NULL before its first use */
+  ern_backend *made; /* NULL until its first use */
 };
 
 struct tradeoff {
   struct session session;
   struct portrait portrait;
   struct evaluation evaluation;
-  struct frame_source speech; /* all frames of the split: in which cells of low density are searched */
+  struct frame_source speech; /* all frames of the split, used to find cells of low density */
   const char *folder;         /* of the results */
-  bool made_folder;           /* it was not there before */
-  float seconds;              /* for all of it, about */
+  bool made_folder;           /* this run created it */
+  float seconds;              /* approximate time for the whole run */
   struct settings base;
   const char *base_name; /* "default", or "as asked" */
   struct unit units[TRADEOFF_UNITS];
@@ -61,7 +62,7 @@ struct tradeoff {
   double exact_seconds, spent_seconds;
   struct point *points; /* [TRADEOFF_POINTS]; the first one is the base */
   size_t count;
-  size_t not_reached[2]; /* points that were left out for want of time: single changes, combinations */
+  size_t not_reached[2]; /* points skipped for lack of time: single changes, combinations */
   size_t turns;
 };
 
@@ -69,7 +70,7 @@ static inline size_t tradeoff_frames(const struct tradeoff *t) { return t->evalu
 static inline size_t tradeoff_pixels(const struct tradeoff *t) {
   return (size_t)t->evaluation.info.width * (size_t)t->evaluation.info.height;
 }
-/* The points that stand on a truth's front, the fastest first. Returns how many. */
+/* The points on the Pareto front against a reference, the fastest first. Returns their number. */
 size_t tradeoff_front(const struct tradeoff *t, enum truth truth, size_t order[TRADEOFF_POINTS]);
 
 #endif

@@ -9,14 +9,14 @@
 #include "lab/tradeoff_measure.h"
 #include "output/plot.h"
 
-enum { CROPS = 2, SHOWN_HEIGHT = 120 /* pixels of the page */, FACTOR = 16 /* of differences */ };
+enum { CROPS = 2, SHOWN_HEIGHT = 120 /* height on the page, pixels */, FACTOR = 16 /* gain of difference pictures */ };
 
 struct crop {
   const char *name;
   ern_box box;
 };
 
-/* Mouth and eyes by the frame's landmarks; without them the middle of the picture. */
+/* Chooses mouth and eyes by the frame's landmarks; without landmarks the centre of the picture. */
 static size_t choose_crops(const struct tradeoff *t, struct crop crops[CROPS]) {
   const struct source_frame *source_frame = &t->evaluation.frame_source.source_frame[0];
   const ern_clip_frame *frame = ern_clip_frame_at(t->evaluation.clip, source_frame->split, source_frame->index);
@@ -34,7 +34,7 @@ static size_t choose_crops(const struct tradeoff *t, struct crop crops[CROPS]) {
 
 static unsigned char to_byte(double value) { return (unsigned char)lrint(255 * fmin(fmax(value, 0), 1)); }
 
-/* A part of rgb[height][width][3], or FACTOR times its distance from `exact` where that is not NULL. */
+/* Adds a crop of rgb[height][width][3] or, if `exact` is not NULL, FACTOR times its difference from `exact`. */
 static int add_crop(struct tradeoff *t, const float *rgb, const float *exact, const struct crop *crop,
                     struct bytes *page) {
   const size_t left = (size_t)crop->box.left, top = (size_t)crop->box.top, across = (size_t)t->evaluation.info.width;
@@ -58,7 +58,7 @@ static int add_crop(struct tradeoff *t, const float *rgb, const float *exact, co
   return status == 0 ? 0 : session_fail_with(&t->session, "no memory for a crop");
 }
 
-/* A row of the table: `name` in words, then each crop of `rgb` and, of a point, what is wrong with it. */
+/* Adds a row of the table: `name`, then each crop of `rgb` and, for a point, its difference picture. */
 static int add_row(struct tradeoff *t, const char *name, const struct point *point, const float *rgb,
                    const struct crop *crops, size_t count, struct bytes *page) {
   bytes_print(page, "<tr><td>");

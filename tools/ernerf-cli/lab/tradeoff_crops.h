@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * The same mouth and eyes at every point of the front, and what is wrong with them. */
+ * Crops of mouth and eyes, rendered at every point of the Pareto front, with difference pictures. */
 #ifndef ERN_CLI_TRADEOFF_CROPS_H
 #define ERN_CLI_TRADEOFF_CROPS_H
 

@@ -3,7 +3,7 @@
 
 #include <math.h>
 
-static const double colour_steps = 255; /* of 8 bits */
+static const double colour_steps = 255; /* levels of 8 bits */
 
 const char *tradeoff_standing(const struct point *point, enum truth truth) {
   static const char *const names[] = {"front", "dominated", "equal"};
@@ -141,7 +141,7 @@ int tradeoff_plot(const struct tradeoff *t, enum truth truth, enum plot_form for
                                  series_of(&clouds[2], "front", 0x0b4f8a, PLOT_DOT),
                                  series_of(&clouds[3], t->base_name, 0xc8501e, PLOT_DIAMOND)};
   series[2].line = true;
-  series[1].labels = NULL; /* they lie where a labelled point lies */
+  series[1].labels = NULL; /* a labelled point lies at the same place */
   if (t->points[0].place[truth].standing == STANDING_FRONT) series[3].labels = NULL;
   const struct plot plot = {.title = titles[truth],
                             .x_label = "milliseconds a frame (median; bars: quartiles), logarithmic",

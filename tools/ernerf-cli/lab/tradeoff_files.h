@@ -14,7 +14,7 @@ const char *tradeoff_standing(const struct point *point, enum truth truth);
 void tradeoff_csv(const struct tradeoff *t, struct bytes *csv);
 /* NULL without memory, or where a path is not UTF-8. */
 json_t *tradeoff_json(const struct tradeoff *t);
-/* Time against the PSNR that a truth gives. Returns 0, or -1 without memory. */
+/* Plots time against the PSNR by a reference. Returns 0, or -1 without memory. */
 int tradeoff_plot(const struct tradeoff *t, enum truth truth, enum plot_form form, struct bytes *bytes);
 
 #endif

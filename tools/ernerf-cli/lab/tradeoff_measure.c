@@ -8,11 +8,11 @@
 #include "lab/tradeoff_points.h"
 #include "output/progress.h"
 
-/* EXACT_STEPS: the most samples a ray whose steps are as long as with 16, the length that models are trained with. */
+/* EXACT_STEPS: the largest number of samples a ray with the same step length as 16, the value of training. */
 enum { DEFAULT_FRAMES = 4, EXACT_STEPS = 128, LEAST_FRAMES = 2, PLANNED_TURNS = 6, LEAST_CHOICES = 3 };
 
-static const double most_db = 100; /* of a picture that is the recorded frame itself */
-/* Share of the time that single changes may take with their turns; the rest is for combinations. */
+static const double most_db = 100; /* PSNR assigned to an identical picture */
+/* Share of the time for single changes and their turns; the rest is for combinations. */
 static const double single_share = 0.75;
 
 /* ---- renderers --------------------------------------------------------------------------------------------------- */
@@ -59,10 +59,10 @@ int tradeoff_measure_draw(struct tradeoff *t, struct point *point, size_t k) {
 
 /* ---- truths ------------------------------------------------------------------------------------------------------ */
 
-/* dB of a mean squared error. */
+/* PSNR in dB of a mean squared error. */
 static double decibels(double error) { return error > 0 ? fmin(-10 * log10(error), most_db) : most_db; }
 
-/* In double, on the slowest kernels: each frame once. */
+/* Draws the exact frames in double with the reference kernels, the slowest: each frame once. */
 static int draw_exact(struct tradeoff *t) {
   const size_t values = 3 * tradeoff_pixels(t), frames = tradeoff_frames(t);
   struct settings exact = t->base;
@@ -93,7 +93,7 @@ static int draw_exact(struct tradeoff *t) {
   return status;
 }
 
-/* Every frame against both truths. */
+/* Computes the PSNR of every frame against both references. */
 static int evaluate_point(struct tradeoff *t, struct point *point) {
   const size_t values = 3 * tradeoff_pixels(t), frames = tradeoff_frames(t);
   point->error = point->worst = 0;
@@ -120,7 +120,7 @@ static int evaluate_point(struct tradeoff *t, struct point *point) {
 
 /* ---- the clock --------------------------------------------------------------------------------------------------- */
 
-/* Mean milliseconds of the frames, to 8-bit pixels. */
+/* Times the frames, to 8-bit pixels. *ms: the mean in milliseconds. */
 static int read_clock(struct tradeoff *t, struct point *point, double *ms) {
   const size_t frames = tradeoff_frames(t);
   struct evaluated evaluated;
@@ -146,15 +146,14 @@ static int add_point(struct tradeoff *t, const struct settings *settings) {
   return read_clock(t, point, &point->first_ms);
 }
 
-/* Milliseconds that a turn of all points takes. */
+/* Expected time of a turn of all points, milliseconds. */
 static double turn_ms(const struct tradeoff *t) {
   double sum = 0;
   for (size_t i = 0; i < t->count; i++) sum += t->points[i].first_ms * (double)tradeoff_frames(t);
   return sum;
 }
 
-/* The base and single changes, the first few in any case, then as long as their turns will be over
- * before `until`. */
+/* Tries the base and single changes: the first few always, the others while their turns will end before `until`. */
 static int try_choices(struct tradeoff *t, double until, struct effect *effects, size_t *effect_count) {
   struct choice choices[TRADEOFF_POINTS_CHOICES];
   const size_t count = tradeoff_points_choices(t, choices);
@@ -179,8 +178,8 @@ static int try_choices(struct tradeoff *t, double until, struct effect *effects,
   return 0;
 }
 
-/* What it takes to make a renderer with these settings, milliseconds: what takes long is the search for cells of low
- * density. */
+/* Expected time to create a renderer with these settings, milliseconds. The search for cells of low density takes most
+ * of it. */
 static double preparing_ms(const struct tradeoff *t, const struct settings *settings) {
   double most = 0;
   for (size_t i = 0; i < t->count; i++)
@@ -189,7 +188,7 @@ static double preparing_ms(const struct tradeoff *t, const struct settings *sett
   return most;
 }
 
-/* Combinations, as long as there is time for their turns. */
+/* Tries combinations while there is time for their turns. */
 static int try_combinations(struct tradeoff *t, double until, const struct effect *effects, size_t effect_count) {
   struct settings found[TRADEOFF_POINTS_COMBINATIONS];
   double ms[TRADEOFF_POINTS_COMBINATIONS];
@@ -222,8 +221,8 @@ static void shuffle(size_t *order, size_t count, uint64_t *seed) {
   }
 }
 
-/* All points in turns, each turn in another order, so that a change of the machine's pace meets all of them alike and
- * no point has its readings side by side. */
+/* Times all points in turns, each turn in a random order, so that a change of the machine's speed affects all points
+ * equally and the readings of one point are spread in time. */
 static int take_turns(struct tradeoff *t, double until) {
   const double began = session_seconds();
   double sorted[TRADEOFF_TURNS];
@@ -286,7 +285,7 @@ int tradeoff_measure_all(struct tradeoff *t) {
   t->points = calloc(TRADEOFF_POINTS, sizeof *t->points);
   if (t->points == NULL) return session_fail_with(&t->session, "no memory for %d points", TRADEOFF_POINTS);
   int status = draw_exact(t);
-  /* points get half of the time at least, however long the exact frames took */
+  /* points get at least half of the time, even if the exact frames took long */
   const double now = session_seconds(), until = fmax(began + budget, now + budget / 2);
   if (status == 0) status = try_choices(t, now + single_share * (until - now), effects, &effect_count);
   if (status == 0) status = try_combinations(t, until, effects, effect_count);
@@ -319,11 +318,11 @@ static void look_at_device(void *user, const ern_device_info *device) {
   }
 }
 
-/* All that this machine computes with but the references, which are no choice for anyone in a hurry. */
+/* Finds all compute units of this machine except the reference kernels, which are too slow to choose. */
 static int find_units(struct tradeoff *t) {
   struct session *session = &t->session;
   const bool quiet = session->quiet;
-  session->quiet = true; /* each backend tells its name */
+  session->quiet = true; /* each backend would print its name */
   const ern_status status = ern_devices_list(session->context, look_at_device, t);
   session->quiet = quiet;
   if (status != ERN_OK) return session_fail(session);
@@ -335,7 +334,7 @@ static int find_units(struct tradeoff *t) {
     if (strncmp(isa, "ref", 3) != 0) add_unit(t, "cpu", isa, 0);
     at += bytes + strspn(at + bytes, " ");
   }
-  add_unit(t, "cpu", "ref64", 0); /* of the exact frames */
+  add_unit(t, "cpu", "ref64", 0); /* for the exact frames */
   return 0;
 }
 

@@ -1,19 +1,19 @@
 /* SPDX-License-Identifier: MIT
- * Points under the clock, in turns, and against two truths. */
+ * Measures points: times, in turns, and PSNR against two references. */
 #ifndef ERN_CLI_TRADEOFF_MEASURE_H
 #define ERN_CLI_TRADEOFF_MEASURE_H
 
 #include "lab/tradeoff.h"
 
-/* Finds the machine and what it can compute on, and takes the frames that are measured: those of --frames, else up to
- * four, evenly spaced. `portrait` and `evaluation` are open. Returns 0, or the exit status after a message, as the next
+/* Detects the machine and its compute units, and selects the frames to measure: those of --frames, else up to four,
+ * evenly spaced. `portrait` and `evaluation` must be open. Returns 0, or the exit status after a message, as the next
  * ones do. */
 int tradeoff_measure_open(struct tradeoff *t, const struct args *args);
-/* Draws the exact frames, tries settings, takes turns, and finds the fronts. */
+/* Draws the exact frames, tries settings, times them in turns, and finds the Pareto fronts. */
 int tradeoff_measure_all(struct tradeoff *t);
 void tradeoff_measure_close(struct tradeoff *t);
 
-/* Draws frame k with the point's settings: t->evaluation.rgb. */
+/* Draws frame k with the point's settings into t->evaluation.rgb. */
 int tradeoff_measure_draw(struct tradeoff *t, struct point *point, size_t k);
 
 #endif

@@ -48,7 +48,7 @@ static const char columns[] =
     "<th>dB against exact<br>mean &plusmn; deviation</th><th>worst colour<br>of 255</th>"
     "<th>dB against the clip<br>mean &plusmn; deviation</th>";
 
-/* Options, each of which stays in one line. */
+/* Adds options; each is kept on one line. */
 static void add_words(char *words, struct bytes *page) {
   for (char *at = words + 1, *next; at != NULL; at = next) {
     next = strstr(at, " --");
@@ -59,7 +59,7 @@ static void add_words(char *words, struct bytes *page) {
   }
 }
 
-/* Of a point that is `asked` for by other words than the base, they stand under its name. */
+/* Begins the row of a point; `asked`: prints its command-line options below its name. */
 static void open_row(const struct tradeoff *t, size_t i, bool asked, struct bytes *page) {
   struct bytes words = {0};
   bytes_print(page, "<tr%s><td class=\"l n\">", i == 0 ? " class=\"base\"" : "");
@@ -181,7 +181,7 @@ static int add_plot(const struct tradeoff *t, enum truth truth, const char *what
   return status;
 }
 
-/* From the slowest to the fastest point of the front. */
+/* Summarises the front from the slowest to the fastest point. */
 static void add_summary(const struct tradeoff *t, struct bytes *page) {
   size_t order[TRADEOFF_POINTS];
   const size_t count = tradeoff_front(t, TRUTH_EXACT, order);

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * The results of `ernerf tradeoff` as one HTML page that needs no other file: plots, tables, the machine, and what the
- * points of the front look like. */
+ * The results of `ernerf tradeoff` as one HTML page that needs no other file: plots, tables, the machine, and pictures
+ * of the front's points. */
 #ifndef ERN_CLI_TRADEOFF_PAGE_H
 #define ERN_CLI_TRADEOFF_PAGE_H
 

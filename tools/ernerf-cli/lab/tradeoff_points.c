@@ -8,7 +8,7 @@
 /* ---- one at a time ----------------------------------------------------------------------------------------------- */
 
 enum { LADDER = 6 };
-/* By axis, what tells most first. */
+/* Values of each axis, the most informative first. */
 static const struct {
   enum axis axis;
   size_t count;
@@ -63,7 +63,7 @@ static int by_ms(const void *left, const void *right) {
   return (a->error > b->error) - (a->error < b->error);
 }
 
-/* All combinations: a digit an axis, 0 being the base's value. */
+/* Enumerates all combinations as numbers with one digit for each axis; 0: the base's value. */
 static size_t guess_all(const struct settings *base, double base_ms, double base_error, const struct effect *effects,
                         size_t count, struct guess *guesses, size_t most) {
   const struct effect *of[AXIS_THREADS][TRADEOFF_POINTS_CHOICES];
@@ -91,7 +91,7 @@ static size_t guess_all(const struct settings *base, double base_ms, double base
   return made;
 }
 
-/* Of the guesses, those that are better than all faster ones, by a tenth of their error at least. */
+/* Keeps the guesses whose error is at least a tenth less than that of all faster ones. */
 static size_t keep_front(struct guess *guesses, size_t count) {
   size_t kept = 0;
   double least = INFINITY;
@@ -111,9 +111,9 @@ size_t tradeoff_points_combine(const struct settings *base, double base_ms, doub
   enum { MOST = 20000 };
   struct guess *guesses = malloc(MOST * sizeof *guesses);
   size_t taken = 0;
-  if (guesses == NULL) return 0; /* there are the single ones */
+  if (guesses == NULL) return 0; /* the single changes remain */
   const size_t kept = keep_front(guesses, guess_all(base, base_ms, base_error, effects, count, guesses, MOST));
-  /* ends, the middle, quarters, ...: so that a list that is cut short still spans the front */
+  /* the ends, the middle, quarters, ...: a truncated list still spans the front */
   for (size_t parts = 1; kept > 0 && taken < TRADEOFF_POINTS_COMBINATIONS && parts < 4 * kept; parts *= 2)
     for (size_t k = parts == 1 ? 0 : 1; k <= parts && taken < TRADEOFF_POINTS_COMBINATIONS; k += parts == 1 ? 1 : 2) {
       const size_t at = (kept - 1) * k / parts;

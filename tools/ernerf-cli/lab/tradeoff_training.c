@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
- * ernerf tradeoff --training: what the next decibel of a training costs, by rays a step, where they go, levels and
- * what computes. Each kind of training gets the same seconds; one thing is changed at a time, but for the published
- * way and that of `train --time`. */
+ * ernerf tradeoff --training: measures the training time for each decibel, by rays a step, ray sampling, levels and
+ * compute unit. Each kind of training gets the same time and differs from the base in one setting, except the published
+ * schedule and that of `train --time`. */
 #include <inttypes.h>
 #include <math.h>
 #include <stdio.h>
@@ -27,7 +27,7 @@ enum {
   PROBE_WARM = 4,
   POINTS = 10,
   PUBLISHED_REFRESH = 16,               /* steps */
-  LEAST_AVERAGED = 10 * TIMED_EMA_EVERY /* steps that an average needs */
+  LEAST_AVERAGED = 10 * TIMED_EMA_EVERY /* fewest steps for an EMA */
 };
 
 struct training_job {
@@ -41,8 +41,8 @@ struct training_job {
   /* made */
   ern_clip *clip;
   struct training_study study;
-  struct curve *taking; /* what validations are added to */
-  struct measures now;  /* of the validation that is under way */
+  struct curve *taking; /* the curve that gets the validations */
+  struct measures now;  /* of the current validation */
   ern_trainer *trainer;
   struct progress progress;
 };
@@ -105,13 +105,13 @@ static void add_kind(struct training_study *study, struct training_kind kind) {
   if (study->count < TRAINING_KINDS) study->kind[study->count++] = kind;
 }
 
-/* Instruction sets whose training has kernels of its own. */
+/* Whether the instruction set has its own training kernels. */
 static bool trains(const char *isa) {
   return strcmp(isa, "avx2") == 0 || strcmp(isa, "avx512") == 0 || strcmp(isa, "avx512bf16") == 0 ||
          strcmp(isa, "neon") == 0;
 }
 
-/* Whether rays can go by region. */
+/* Whether rays can be sampled by region. */
 static bool has_regions(const ern_clip *clip) {
   ern_clip_info info;
   ern_clip_describe(clip, &info);
@@ -133,7 +133,7 @@ static void take_device(void *user, const ern_device_info *device) {
     for (char *rest = sets, *isa; (isa = strtok_r(rest, " ", &rest)) != NULL;) {
       if (!trains(isa) || strcmp(isa, study->base_isa) == 0) continue;
       snprintf(kind.isa, sizeof kind.isa, "%s", isa);
-      kind.bf16 = strcmp(isa, "avx512bf16") == 0; /* its products of floats are those of avx512 */
+      kind.bf16 = strcmp(isa, "avx512bf16") == 0; /* its float products equal those of avx512 */
       snprintf(kind.name, sizeof kind.name, "%s", kind.bf16 ? "bf16" : isa);
       add_kind(study, kind);
     }
@@ -255,13 +255,13 @@ static ern_status make_trainer(struct training_job *job, const struct training_k
   return ern_trainer_create(&job->trainer, backend, &dataset, &config);
 }
 
-/* How many steps the seconds are enough for: the schedule of the rates must know. The first ones, with a refresh of the
- * occupancy among them, warm up; half of the seconds are the most that is spent on it. */
+/* Estimates how many steps fit into the time, which the learning rate schedule needs. The first steps, including a
+ * refresh of the occupancy, are a warm-up. The estimate takes at most half of the time. */
 static ern_status probe(struct training_job *job, const struct training_kind *kind, ern_backend *backend,
                         uint64_t *iters) {
   const double began = session_seconds(), most = 0.5 * (double)job->seconds;
   ern_train_report report;
-  double warm = began; /* when the steps that count began */
+  double warm = began; /* start of the timed steps */
   uint64_t steps = 0;
   ern_status status = make_trainer(job, kind, backend, job->session.seed, 100000);
   for (int step = 0; status == ERN_OK && step < PROBE_STEPS && !session_interrupted(); step++) {
@@ -290,7 +290,7 @@ static int train_one(struct training_job *job, struct training_kind *kind, ern_b
     status = ern_trainer_run(job->trainer, &hooks);
     progress_end(&job->progress);
   }
-  measures_free(&job->now); /* of a validation that was not ended */
+  measures_free(&job->now); /* of an unfinished validation */
   ern_trainer_free(&job->trainer);
   if (session_interrupted()) return session_stop_with(session, "stopped: nothing is written");
   return status == ERN_OK ? 0 : session_fail(session);
@@ -304,7 +304,7 @@ static int open_backend(struct training_job *job, const struct training_kind *ki
   return ern_backend_create(backend, job->session.context, &config) == ERN_OK ? 0 : session_fail(&job->session);
 }
 
-/* Of the first kind. */
+/* Measures the fine stage with the settings of the first kind. */
 static int measure_fine(struct training_job *job) {
   ern_backend *backend = NULL;
   ern_dataset dataset;
@@ -361,7 +361,7 @@ static int run(struct training_job *job) {
   struct training_study *study = &job->study;
   session_note(&job->session, "tradeoff: %zu kinds of training, %g s and %d seed%s each; writes %s", study->count,
                (double)job->seconds, job->seeds, job->seeds == 1 ? "" : "s", job->folder);
-  if (measure_fine(job) != 0) return EXIT_FAILURE; /* first: what cannot be is said before the hours of trainings */
+  if (measure_fine(job) != 0) return EXIT_FAILURE; /* first, so that errors appear before hours of training */
   for (size_t k = 0; k < study->count; k++)
     if (train_kind(job, &study->kind[k]) != 0) return EXIT_FAILURE;
   session_stage(&job->session);

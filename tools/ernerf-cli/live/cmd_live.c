@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * ernerf live: sound as it comes, to a person who says it, as a stream. */
+ * ernerf live: renders a talking portrait from live sound and streams it. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -9,7 +9,7 @@
 #include "live/live_job.h"
 #include "verbs.h"
 
-/* Faster than the rate by so much: encoding and reading take their part, and a late frame has to be made up for. */
+/* Factor of speed above the frame rate: reserve for encoding and reading, and to catch up after a late frame. */
 static const float SPARE = 1.15f;
 
 enum { IN_OPTIONS = 8, OUT_OPTIONS = 12, AUDIO_WINDOWS = 8, SOUND_RATE = 48000 };
@@ -142,7 +142,7 @@ static void out_options(struct live_job *job, struct option options[OUT_OPTIONS]
   ARGS_FILL(options, rows, OUT_OPTIONS);
 }
 
-/* Options of a video which a live person cannot have. */
+/* Refuses options of a video that do not apply to live rendering. */
 static int check_unlisted(const struct args *args) {
   int status = args_forbid(args, "split frames", "is about a video; a live person has all poses");
   if (status < 0) status = args_forbid(args, "eye", "is a curve for a video of known length; --control sets eyes");
@@ -153,7 +153,7 @@ static int check_unlisted(const struct args *args) {
   return status;
 }
 
-/* The policy is a choice, and --as-fast changes its default. */
+/* Checks the options. The policy for a slow reader is an option whose default depends on --as-fast. */
 static int check_usage(struct live_job *job, const struct args *args, int slow_reader) {
   int status = -1;
   if (job->portrait.source.path == NULL) return args_refuse(args, "--clip CLIP is missing");
@@ -189,7 +189,8 @@ static int check_usage(struct live_job *job, const struct args *args, int slow_r
 
 /* ---- opening ----------------------------------------------------------------------------------------------------- */
 
-/* One period of the poses there and back, and its first frame again, so that the last one has a next. */
+/* Makes one period of the poses, forward and backward, and repeats its first frame, so that the last one has a
+ * successor. */
 static int open_poses(struct live_job *job, const struct args *args) {
   struct session *session = &job->session;
   struct frame_source *poses = &job->poses;
@@ -251,7 +252,7 @@ static int open_live(struct live_job *job) {
   return ern_live_open(job->session.context, &options, &job->live) == ERN_OK ? 0 : session_fail(&job->session);
 }
 
-/* And no pipe or device, which is written to where it is. */
+/* A file to be created or replaced, not a pipe or device, which is written to directly. */
 static bool is_file(const char *url) {
   struct stat there;
   if (strcmp(url, "-") == 0 || strstr(url, "://") != NULL) return false;
@@ -275,7 +276,7 @@ static int open_all(struct live_job *job, const struct args *args) {
                              job->size.height, (ern_fit)job->fit);
   if (status == 0) status = open_rate_control(job, args);
   if (status == 0) status = open_live(job);
-  if (status == 0) /* a picture may stand behind the person at any time */
+  if (status == 0) /* a command may set a background picture at any time */
     status = provenance_learn(&job->provenance, session, &job->portrait, NULL, false);
   job->output.provenance = provenance_of(&job->provenance);
   if (status == 0) status = label_make(&job->label, session, job->size.width, job->size.height);
@@ -292,7 +293,7 @@ static int open_all(struct live_job *job, const struct args *args) {
 
 /* ---- the end ----------------------------------------------------------------------------------------------------- */
 
-/* What the file beside the output says of it; without times, so that the same work (--as-fast) gives the same file. */
+/* Content of the provenance file; without times, so that repeated runs (--as-fast) give the same file. */
 static json_t *about_output(const struct live_job *job) {
   const char *slash = strrchr(job->output.url, '/');
   char rate[RATE_TEXT_BYTES];
@@ -321,7 +322,7 @@ static int finish(struct live_job *job, int status) {
                (unsigned long long)job->repeated, atomic_load(&job->output.left_out), job->output.url);
   if (!job->as_fast) rate_control_summary(&job->rate_control, 0);
   if (session_report(session, live_statistics(job)) != 0) return EXIT_FAILURE;
-  if (mute) return EXIT_FAILURE; /* told of when it happened */
+  if (mute) return EXIT_FAILURE; /* already reported */
   if (stopped && job->output.cut)
     return session_stop_with(session, "stopped; its reader did not take the end of the stream, which is cut");
   return stopped ? session_stop_with(session, "stopped; what was written is whole") : 0;

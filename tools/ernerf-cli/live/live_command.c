@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * The words of --control. */
+ * The commands of --control. */
 #include <errno.h>
 #include <stdlib.h>
 #include <string.h>
@@ -64,7 +64,7 @@ static void set_background(struct live_job *job, const char *rest) {
 static void answer_statistics(struct live_job *job) {
   json_t *object = live_statistics(job);
   json_t *settings = json_object_get(object, "rate_control");
-  if (json_is_object(settings)) json_object_del(settings, "settings"); /* many; the report of --json has them */
+  if (json_is_object(settings)) json_object_del(settings, "settings"); /* long; the report of --json has it */
   char *text = object != NULL ? json_dumps(object, JSON_COMPACT) : NULL;
   if (text != NULL)
     live_control_answer(&job->commands, text);

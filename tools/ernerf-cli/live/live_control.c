@@ -20,7 +20,7 @@ static bool is_over(struct live_control *control) {
   return stop;
 }
 
-/* Whether something can be read; false where the program ends. */
+/* Waits until the descriptor is readable; false: the program ends. */
 static bool await_input(struct live_control *control, int descriptor) {
   while (!is_over(control)) {
     struct pollfd look = {.fd = descriptor, .events = POLLIN};
@@ -31,7 +31,7 @@ static bool await_input(struct live_control *control, int descriptor) {
   return false;
 }
 
-/* Hands a line over and waits for its answer; false where the program ends. */
+/* Passes a line to the main thread and waits for its answer; false: the program ends. */
 static bool exchange(struct live_control *control, const char *line, char answer[LIVE_LINE]) {
   (void)pthread_mutex_lock(&control->mutex);
   snprintf(control->line, sizeof control->line, "%s", line);
@@ -45,7 +45,7 @@ static bool exchange(struct live_control *control, const char *line, char answer
   return answered;
 }
 
-/* A reader that has gone away does not end the person. */
+/* A peer that has disconnected does not end the stream. */
 static void reply(int descriptor, bool is_socket, const char *answer) {
   if (is_socket)
     (void)send(descriptor, answer, strlen(answer), MSG_NOSIGNAL | MSG_DONTWAIT);
@@ -53,7 +53,8 @@ static void reply(int descriptor, bool is_socket, const char *answer) {
     (void)fputs(answer, stderr);
 }
 
-/* Lines until their end. A line that is too long is cut off by its first LIVE_LINE - 1 bytes and refused. */
+/* Reads lines until the end of the input. Of a line that is too long, only the first LIVE_LINE - 1 bytes are kept, and
+ * it is refused. */
 static void read_lines(struct live_control *control, int descriptor, bool is_socket) {
   char line[LIVE_LINE], answer[LIVE_LINE], piece[512];
   size_t length = 0;
@@ -117,7 +118,7 @@ static int open_socket(struct live_control *control) {
                                control->path);
     if (connect(control->listening, name, sizeof address) == 0)
       return session_fail_with(session, "--control %s: another program listens there", control->path);
-    (void)unlink(control->path); /* left by one that was killed */
+    (void)unlink(control->path); /* stale socket of a killed process */
   }
   if (bind(control->listening, name, sizeof address) != 0 || listen(control->listening, 4) != 0)
     return session_fail_with(session, "--control %s: %s", control->path, strerror(errno));

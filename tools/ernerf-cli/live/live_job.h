@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * What `ernerf live` holds: the person, the sound that comes, and where frames go. */
+ * The state of `ernerf live`: the portrait, the incoming sound, and the output of frames. */
 #ifndef ERN_CLI_LIVE_JOB_H
 #define ERN_CLI_LIVE_JOB_H
 
@@ -16,11 +16,11 @@
 #include "session/rate_control.h"
 #include "session/silence_pose.h"
 
-/* Times are counted by the millisecond, up to this. */
+/* Number of 1 ms bins of a histogram of times. */
 enum { LIVE_MILLISECONDS = 5000 };
 
 struct live_times {
-  uint32_t bin[LIVE_MILLISECONDS + 1]; /* the last one: or more */
+  uint32_t bin[LIVE_MILLISECONDS + 1]; /* the last bin counts all longer times */
   uint64_t count;
 };
 
@@ -41,36 +41,36 @@ struct live_job {
   struct dimensions size;
   int fit; /* ern_fit */
   struct rate rate;
-  int look_ahead;    /* frames at 25 a second */
-  double seconds;    /* that it lasts; 0: without an end */
-  double most_delay; /* seconds of sound that may wait; 0: any */
-  bool as_fast;      /* a frame as soon as its sound is there, with the asked settings always */
+  int look_ahead;    /* frames at 25 fps */
+  double seconds;    /* duration; 0: unlimited */
+  double most_delay; /* seconds of sound that may be queued; 0: unlimited */
+  bool as_fast; /* draw each frame as soon as its sound has arrived, always with the settings of the command line */
   /* made */
   struct background background;
-  struct frame_source poses;    /* of the clip, there and back, one period and its first frame again */
-  struct frame_source now;      /* the one frame that is drawn; its `frame` is that of `poses` */
-  struct source_frame place;    /* it */
-  const ern_features *features; /* of the clip, to time settings on */
-  float *windows;               /* likewise */
+  struct frame_source poses;    /* the clip's poses forward and backward: one period, then its first frame again */
+  struct frame_source now;      /* the one frame to draw; its `frame` is that of `poses` */
+  struct source_frame place;    /* the frame of `now` */
+  const ern_features *features; /* the clip's, to time settings on */
+  float *windows;               /* scratch for live_look */
   uint8_t *look;
   ern_live *live;
-  /* as it goes */
-  uint64_t moved; /* frames in which the pose went on */
+  /* running state */
+  uint64_t moved; /* frames in which the pose advanced */
   bool held, quits;
-  float eye;                                 /* below 0: the clip's */
-  uint64_t frames, drawn, repeated, skipped; /* skipped: frames of sound that had waited too long */
-  struct live_times to_frame;                /* from sound to its frame's being drawn */
+  float eye;                                 /* fixed eye value; below 0: the clip's */
+  uint64_t frames, drawn, repeated, skipped; /* skipped: frames whose sound was queued for too long */
+  struct live_times to_frame;                /* from the arrival of sound until its frame is drawn */
   double began;
 };
 
-/* Draws and hands over frames until the sound has ended, a signal or "quit" comes, or the output has failed. Returns 0,
- * or EXIT_FAILURE after a message. */
+/* Draws frames and passes them to the output until the sound ends, a signal or "quit" arrives, or the output fails.
+ * Returns 0, or EXIT_FAILURE after a message. */
 int live_run(struct live_job *job);
-/* Frame k of the clip's poses with the clip's speech, to time settings (rate_control_draw). */
+/* A rate_control_draw that times settings: draws frame k of the clip's poses with the clip's speech. */
 int live_look(void *user, ern_renderer *renderer, size_t k, float *rgb);
-/* What a line of --control asks for, and its answer. */
+/* Executes a line of --control and answers it. */
 void live_command(struct live_job *job, const char *line);
-/* The figures so far; NULL without memory. */
+/* Statistics so far; NULL without memory. */
 json_t *live_statistics(const struct live_job *job);
 
 #endif

@@ -7,12 +7,12 @@
 
 enum { LATE_BINS = 1001, TEXT_BYTES = 2048 };
 
-/* Seconds that the reader of a pipe or address has at the end to take what waits and the tail of the stream. */
+/* Seconds at the end that the reader of a pipe or address has to receive the queued frames and the stream's trailer. */
 static const double grace = 2;
 
 static bool is_over(const struct live_output *output) { return session_seconds() >= atomic_load(&output->stop_at); }
 
-/* A signal ends the wait for the first reader; later ones end with the program (live_output_close). */
+/* A signal ends the wait for the first reader; waits for later readers end with the program (live_output_close). */
 static int asks_to_stop(void *user) {
   const struct live_output *output = user;
   return is_over(output) || (!atomic_load(&output->running) && session_interrupted());
@@ -42,7 +42,7 @@ static void count_late(struct live_output *output, double due) {
   atomic_fetch_add(&output->written, 1);
 }
 
-/* One reader's time: until he leaves, or nothing more comes. Frames of before he came are left out. */
+/* Serves one reader until it disconnects or the queue ends. It does not get frames from before its connection. */
 static ern_status serve(struct live_output *output) {
   ern_status status = output->writer != NULL ? ERN_OK : open_stream(output);
   while (status == ERN_OK) {
@@ -71,7 +71,7 @@ static void *write_frames(void *user) {
       keep_error(output);
       break;
     }
-    while (!queue_is_empty(&output->queue)) queue_empty(&output->queue); /* the next one begins now */
+    while (!queue_is_empty(&output->queue)) queue_empty(&output->queue); /* stale for the next reader */
   }
   queue_break(&output->queue);
   return NULL;
@@ -135,7 +135,7 @@ struct live_picture *live_output_next(struct live_output *output, bool *failed) 
 
 void live_output_put(struct live_output *output) { queue_fill(&output->queue); }
 
-/* patience: seconds until the reader is no longer waited for. */
+/* patience: seconds to wait for the reader. */
 static void stop_writer(struct live_output *output, double patience) {
   if (!atomic_load(&output->running)) return;
   if (output->listens && !atomic_load(&output->open)) patience = 0;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * Live frames, one after another: when each is due, what it shows, and what happens where it is late. */
+ * The main loop of live frames: schedules each frame, draws it, and handles late frames. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -9,7 +9,7 @@
 
 /* ---- what a frame shows ------------------------------------------------------------------------------------------ */
 
-/* The pose goes on there and back, at the clip's pace, also while nothing is said. */
+/* Advances the pose forward and backward through the clip, at the clip's rate, also during silence. */
 static void move(struct live_job *job) {
   const uint64_t period = job->poses.count - 1 > 0 ? job->poses.count - 1 : 1,
                  place = job->moved * (uint64_t)job->rate.denominator * RATE_CLIP, rate = (uint64_t)job->rate.numerator;
@@ -92,7 +92,7 @@ static double due_of(const struct live_job *job) { return job->began + (double)j
 
 /* ---- a frame ----------------------------------------------------------------------------------------------------- */
 
-/* late: of the frame, which is then not drawn; the one before stays. */
+/* late: the frame is not drawn; the previous picture is repeated. */
 static int make_frame(struct live_job *job, const ern_live_frame *frame, bool late) {
   bool failed;
   const double pulled = session_seconds();
@@ -126,7 +126,8 @@ static void apply_control(struct live_job *job) {
   free(error);
 }
 
-/* The sound without which the first frame would get silence: its look-ahead, and its own (ern_live_options). */
+/* Samples that the first frame needs, else it would get silence: its own duration or its look-ahead (ern_live_options).
+ */
 static unsigned long long first_samples(const struct live_job *job) {
   const double seconds = fmax((job->look_ahead + 1) / (double)RATE_CLIP, 1 / rate_value(job->rate));
   return (unsigned long long)ceil(seconds * job->sound.rate);

@@ -38,13 +38,13 @@ static void remember_error(struct live_sound *sound) {
   remember(sound, text);
 }
 
-/* Pushes a piece. Where `stop` drops sound, an input of the command line goes on after it; another one ends. */
+/* Pushes a block of sound. After a cancel, an input of the command line continues; an utterance ends. */
 static ern_status push(struct live_sound *sound, const float *samples, size_t frames, bool own) {
   const ern_status status = ern_live_push(sound->live, samples, frames);
   return own && status == ERN_E_CANCELLED ? ERN_OK : status;
 }
 
-/* Pushes all that an input has. */
+/* Pushes the whole sound of an input. */
 static ern_status play(struct live_sound *sound, const char *url, bool own) {
   const size_t piece = (size_t)sound->rate * PIECE_MS / 1000;
   ern_sound_reader_options options = ern_sound_reader_options_default();
@@ -69,7 +69,7 @@ static ern_status play(struct live_sound *sound, const char *url, bool own) {
   return status;
 }
 
-/* Has espeak-ng make a sound file of a text, and plays it. */
+/* Lets espeak-ng synthesise a sound file from a text, and plays it. */
 static void speak(struct live_sound *sound, const char *text) {
   char program[] = "espeak-ng", voice_option[] = "-v", file_option[] = "-w", end[] = "--";
   const char *folder = getenv("TMPDIR");
@@ -104,7 +104,7 @@ static void speak(struct live_sound *sound, const char *text) {
   free(words);
 }
 
-/* The next thing to say, or NULL where the program ends. */
+/* Waits for the next utterance of the queue. NULL: the program ends. */
 static char *await_utterance(struct live_sound *sound) {
   char *utterance = NULL;
   (void)pthread_mutex_lock(&sound->mutex);
@@ -127,7 +127,7 @@ static void *read_sound(void *user) {
   if (sound->url != NULL) {
     const ern_status status = play(sound, sound->url, true);
     if (status != ERN_OK && status != ERN_E_CANCELLED) atomic_store(&sound->failed, true);
-    if (!sound->stays) end(sound); /* before `over`, after which a frame that lacks sound gets silence */
+    if (!sound->stays) end(sound); /* before `over` is set: after that, a frame without sound gets silence */
     atomic_store(&sound->over, true);
   }
   for (char *utterance = NULL; sound->stays && (utterance = await_utterance(sound)) != NULL; free(utterance)) {
@@ -188,7 +188,7 @@ static void clear_utterances(struct live_sound *sound) {
 void live_sound_cancel(struct live_sound *sound) {
   (void)pthread_mutex_lock(&sound->mutex);
   clear_utterances(sound);
-  sound->skip = sound->url == NULL || atomic_load(&sound->over); /* an input of the command line goes on */
+  sound->skip = sound->url == NULL || atomic_load(&sound->over); /* an input of the command line continues */
   (void)pthread_mutex_unlock(&sound->mutex);
   if (ern_live_cancel(sound->live) != ERN_OK) remember_error(sound);
 }
@@ -207,7 +207,7 @@ void live_sound_stop(struct live_sound *sound) {
     sound->stop = true;
     (void)pthread_cond_broadcast(&sound->moved);
     (void)pthread_mutex_unlock(&sound->mutex);
-    end(sound); /* a push that waits ends */
+    end(sound); /* ends a blocked push */
     (void)pthread_join(sound->thread, NULL);
     sound->running = false;
   }

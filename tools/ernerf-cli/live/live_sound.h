@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * Where live sound comes from: an input that goes on, and what is to be said; a thread of its own reads it. */
+ * Sources of live sound: a continuous input, and queued files and texts to speak. A separate thread reads them. */
 #ifndef ERN_CLI_LIVE_SOUND_H
 #define ERN_CLI_LIVE_SOUND_H
 
@@ -14,10 +14,10 @@ enum { LIVE_UTTERANCES = 32 };
 
 struct live_sound {
   /* from the command line */
-  const char *url, *format; /* NULL: no input, as it is; found out */
+  const char *url, *format; /* url NULL: no input; format NULL: detected */
   int format_rate, format_channels;
-  const char *voice; /* espeak-ng's */
-  bool stays;        /* the person goes on resting when the input has ended */
+  const char *voice; /* a voice of espeak-ng */
+  bool stays;        /* the stream continues with silence after the input has ended */
   /* made */
   struct session *session;
   ern_context *context;
@@ -27,27 +27,27 @@ struct live_sound {
   pthread_mutex_t mutex;
   pthread_cond_t moved;
   bool running, made;
-  bool stop, skip;                  /* the program ends; what is played now ends. With the mutex */
+  bool stop, skip;                  /* end the program; end the current item. Guarded by the mutex */
   char *utterance[LIVE_UTTERANCES]; /* files to play ("f...") and texts to say ("t..."), the oldest first */
   size_t utterance_count;
-  char *error;         /* the last input that failed, in words; with the mutex */
-  atomic_bool failed;  /* the input of the command line did */
-  atomic_bool over;    /* it has been played */
-  atomic_ullong heard; /* samples */
+  char *error;         /* message of the last input that failed; guarded by the mutex */
+  atomic_bool failed;  /* the input of the command line failed */
+  atomic_bool over;    /* the input of the command line has been played */
+  atomic_ullong heard; /* number of samples pushed so far */
 };
 
-/* Starts the thread, which pushes sound of `rate` and `channels` into the session. Returns 0, or EXIT_FAILURE after a
+/* Starts the thread, which pushes sound of `rate` and `channels` into `live`. Returns 0, or EXIT_FAILURE after a
  * message. */
 int live_sound_start(struct live_sound *sound, struct session *session, ern_live *live, int rate, int channels);
-/* A regular file of the command line: returns when so many samples have been pushed, it is over, or a signal came. Any
- * other input: at once. */
+/* If the input of the command line is a regular file, waits until so many samples have been pushed, it has ended, or a
+ * signal came. For any other input returns at once. */
 void live_sound_await(const struct live_sound *sound, unsigned long long samples);
-/* After what waits: a file, or a text (speaks); false where too much waits. */
+/* Appends a file, or a text (speaks), to the queue; false if the queue is full. */
 bool live_sound_say(struct live_sound *sound, bool speaks, const char *text);
-/* What is said and what waits is dropped; an input of the command line goes on after it. */
+/* Cancels the current utterance and clears the queue; an input of the command line continues. */
 void live_sound_cancel(struct live_sound *sound);
-/* The last thing that went wrong, once; NULL: nothing. The caller frees it. */
+/* Takes the last error message; NULL: none. The caller frees it. */
 char *live_sound_take_error(struct live_sound *sound);
-void live_sound_stop(struct live_sound *sound); /* wherever it stands */
+void live_sound_stop(struct live_sound *sound); /* in any state */
 
 #endif

@@ -97,7 +97,7 @@ static int write_form(const struct plot *plot, enum plot_form form, struct sessi
 
 static int draw(const struct curve_named *curves, size_t count, enum figure figure, struct session *session,
                 const char *folder, const char *stem, const char *title) {
-  /* Okabe and Ito's colours, told apart by all eyes; further curves have the same with other marks */
+  /* Okabe and Ito's colours, distinguishable with colour blindness; further curves repeat them with other marks */
   static const unsigned colours[] = {0x0072B2, 0xD55E00, 0x009E73, 0xCC79A7, 0xE69F00, 0x56B4E9, 0x000000};
   static const enum plot_mark marks[] = {PLOT_DOT, PLOT_RING, PLOT_DIAMOND};
   enum { COLOURS = sizeof colours / sizeof *colours, MARKS = sizeof marks / sizeof *marks };

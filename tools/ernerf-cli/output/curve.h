@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * Quality over time: how a training's validations went, as X.run/curve.csv holds them, and plots of it. */
+ * The validation curve of a training, quality over time: reads X.run/curve.csv and draws plots. */
 #ifndef ERN_CLI_CURVE_H
 #define ERN_CLI_CURVE_H
 
@@ -9,8 +9,8 @@
 
 struct curve_point {
   uint64_t step;
-  double seconds, psnr; /* of training behind it, without validations and saves; dB, the mean of the frames */
-  double mouth;         /* share of the mouth's motion that is explained, 1 at most; NaN: not known */
+  double seconds, psnr; /* training time so far, without validations and saves; dB, mean over the frames */
+  double mouth;         /* explained share of the mouth's motion, 1 at most; NaN: not known */
 };
 
 /* In the order of the steps. Zeroed: empty. */
@@ -20,22 +20,23 @@ struct curve {
 };
 
 void curve_free(struct curve *curve);
-/* Returns 0, or EXIT_FAILURE after a message, as the next ones do. Points that are not before `point` go: a training
- * that went on from an earlier state has taken other steps since. */
+/* Returns 0, or EXIT_FAILURE after a message, as the next ones do. First removes the points at or after the step of
+ * `point`: a training that resumed from an earlier state has made these steps again. */
 int curve_add(struct curve *curve, struct session *session, struct curve_point point);
-/* Reads "step,seconds,psnr" and a line a validation, which does not tell `mouth`. A file that is not there has none. */
+/* Reads "step,seconds,psnr" and one line for each validation; `mouth` is then not known. A missing file gives an empty
+ * curve. */
 int curve_read(struct curve *curve, struct session *session, const char *path);
 
-/* A curve among others. */
+/* A curve with its name in the legend. */
 struct curve_named {
   const char *name;
   const struct curve *curve;
 };
 /* Writes FOLDER/STEM_seconds.svg and .png, PSNR over the seconds of training, and STEM_steps.svg and .png, over the
- * steps. Points that are not finite are left out. */
+ * steps. Omits points that are not finite. */
 int curve_plot(const struct curve_named *curves, size_t count, struct session *session, const char *folder,
                const char *stem, const char *title);
-/* The same of the mouth's motion over the seconds: FOLDER/STEM_mouth_seconds.svg and .png. */
+/* The same for the mouth's motion over the seconds: FOLDER/STEM_mouth_seconds.svg and .png. */
 int curve_plot_mouth(const struct curve_named *curves, size_t count, struct session *session, const char *folder,
                      const char *stem, const char *title);
 

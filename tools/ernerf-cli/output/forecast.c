@@ -28,8 +28,8 @@ bool forecast_due(struct forecast *f, double now, uint64_t step, uint64_t steps,
   return true;
 }
 
-/* The first steps of a head take the most samples a ray, as no space is known to be empty yet; later ones take 2 to 4.
- */
+/* The first steps of a head are slow: no space is known to be empty yet, so they take the most samples a ray; later
+ * steps take 2 to 4. */
 void forecast_say(struct forecast *forecast, struct session *session, const ern_train_report *report,
                   const ern_train_config *config) {
   char time[32];

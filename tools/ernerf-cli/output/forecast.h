@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * How long a training will take, said once, soon after it has begun: from the pace of its first steps. */
+ * Predicts the duration of a training from the speed of its first steps, and prints it once, soon after the start. */
 #ifndef ERN_CLI_FORECAST_H
 #define ERN_CLI_FORECAST_H
 
@@ -10,19 +10,19 @@
 #include "session/session.h"
 
 struct forecast {
-  double began, first; /* seconds: of the start, and of the first report, 0: none came */
+  double began, first; /* times in seconds: the start, and the first report (0: none yet) */
   uint64_t begin, first_step;
   bool said;
 };
 
 void forecast_begin(struct forecast *forecast, double now, uint64_t step);
 
-/* At each report; `now` on the same clock. True once, at the first report at which the pace is known: 3 s after the
- * first one, whose step is slower than others, or at the first one where that took 5 s. *left: seconds that the steps
- * up to `steps` take at that pace. Never at the last step. */
+/* Call it at each report; `now` on the same clock. Returns true once, when the speed is known: at 3 s after the first
+ * report, whose step is slower than others, or at the first report if that took 5 s. Never at the last step. *left:
+ * seconds that the remaining steps up to `steps` take at that speed. */
 bool forecast_due(struct forecast *forecast, double now, uint64_t step, uint64_t steps, double *left);
 
-/* Says it when it is due, as a note. */
+/* Prints it as a note when it is due. */
 void forecast_say(struct forecast *forecast, struct session *session, const ern_train_report *report,
                   const ern_train_config *config);
 

@@ -28,7 +28,7 @@ int label_check(const struct label *label, const struct args *args) {
   return label->text == NULL ? args_forbid(args, "label-time", "is about --label") : -1;
 }
 
-/* A surface of one pixel measures as well as any. */
+/* Creates a context to draw or measure text; for measuring, a surface of one pixel is enough. */
 static cairo_t *pen(cairo_surface_t *surface, double size) {
   cairo_t *cairo = cairo_create(surface);
   cairo_select_font_face(cairo, "sans-serif", CAIRO_FONT_SLANT_NORMAL, CAIRO_FONT_WEIGHT_BOLD);
@@ -36,7 +36,7 @@ static cairo_t *pen(cairo_surface_t *surface, double size) {
   return cairo;
 }
 
-/* The size of letters whose capitals are `height` pixels high, and what the text then measures; 0: there is no font. */
+/* The font size at which capitals are `height` pixels high, and the extents of the text at that size; 0: no font. */
 static double measure(const char *text, double height, cairo_text_extents_t *box) {
   enum { TRIED = 100 };
   cairo_surface_t *surface = cairo_image_surface_create(CAIRO_FORMAT_ARGB32, 1, 1);

@@ -24,7 +24,7 @@ struct drawing {
   cairo_t *cairo;
   const struct plot *plot;
   struct plot_axis x, y;
-  struct box *taken; /* where no label may lie: marks, bars, lines, labels that stand */
+  struct box *taken; /* areas closed to labels: marks, error bars, lines, placed labels */
   size_t taken_count, taken_capacity;
   bool no_memory;
 };
@@ -35,7 +35,7 @@ static void set_colour(cairo_t *cairo, unsigned rgb, double alpha) {
 
 /* ---- text -------------------------------------------------------------------------------------------------------- */
 
-/* across, down: which part of the text stands at (x, y): 0 its left or top, 0.5 its middle, 1 its right or bottom. */
+/* across, down: anchor of the text at (x, y): 0 left or top, 0.5 centre, 1 right or bottom. */
 static void put_text(cairo_t *cairo, const char *text, double x, double y, double across, double down) {
   cairo_text_extents_t text_box;
   cairo_font_extents_t font;
@@ -132,7 +132,7 @@ static void take(struct drawing *d, struct box box) {
   d->taken[d->taken_count++] = box;
 }
 
-/* The line from (x, y) to the next point, a box every few pixels. */
+/* Reserves the line from (x, y) to the next point as small boxes. */
 static void take_line(struct drawing *d, double x, double y, double to_x, double to_y) {
   const int steps = (int)ceil(hypot(to_x - x, to_y - y) / 6);
   for (int k = 1; k < steps; k++) {
@@ -141,7 +141,7 @@ static void take_line(struct drawing *d, double x, double y, double to_x, double
   }
 }
 
-/* From `low` to `high` of one axis, with caps. */
+/* Draws an error bar from `low` to `high` of one axis, with caps. */
 static void draw_bar(struct drawing *d, bool upright, double x, double y, double low, double high) {
   const struct plot_axis *axis = upright ? &d->y : &d->x;
   if (!plot_axis_shows(axis, low) || !plot_axis_shows(axis, high)) return;
@@ -207,7 +207,7 @@ static bool is_free(const struct drawing *d, const struct box *box) {
   return true;
 }
 
-/* A free place for a label near (x, y), the nearest ones first; false: there is none, and the label is left out. */
+/* Finds a free place for a label near (x, y), the nearest first; false: none, and the label is omitted. */
 static bool find_place(const struct drawing *d, double x, double y, double width, double height, struct box *box) {
   static const double ways[][2] = {{1, 0}, {-1, 0}, {0, -1}, {0, 1}, {1, -1}, {1, 1}, {-1, -1}, {-1, 1}};
   for (int distance = 8; distance < 140; distance += 6)
@@ -230,7 +230,7 @@ static void draw_label(struct drawing *d, const char *text, double x, double y, 
   cairo_font_extents(d->cairo, &font);
   if (!find_place(d, x, y, text_box.x_advance + 4, font.ascent + font.descent, &box)) return;
   take(d, box);
-  /* to the nearest point of the label */
+  /* the nearest point of the label */
   const double to_x = fmin(fmax(x, box.left), box.right), to_y = fmin(fmax(y, box.top), box.bottom);
   if (hypot(to_x - x, to_y - y) > 14) {
     set_colour(d->cairo, colour, 0.5);
@@ -255,7 +255,7 @@ static void draw_labels(struct drawing *d) {
   }
 }
 
-/* x, y: of the middle of its mark. */
+/* Draws a legend entry; x, y: centre of its mark. */
 static void draw_entry(struct drawing *d, const struct plot_series *s, double x, double y) {
   set_colour(d->cairo, ink, 1);
   put_text(d->cairo, s->name, x + 12, y, 0, 0.5);
@@ -267,8 +267,8 @@ static void draw_entry(struct drawing *d, const struct plot_series *s, double x,
   if (s->mark != PLOT_NONE) draw_mark(d->cairo, s->mark, x, y, s->colour);
 }
 
-/* Rows above the frame that end at its right, the upper one with what the lower ones have no room for. Returns how many
- * there are. */
+/* Lays out the legend as right-aligned rows above the frame; entries that do not fit go to the row above. Returns the
+ * number of rows. */
 static int lay_legend(struct drawing *d, bool draws) {
   double right = d->x.end;
   int row = 0;
@@ -298,7 +298,7 @@ static void reach(double range[2], const double *values, size_t i, bool log) {
   range[1] = fmax(range[1], values[i]);
 }
 
-/* Ends of the axes around all points and their error bars. */
+/* Chooses the ends of the axes around all points and their error bars. */
 static void lay_out(struct drawing *d) {
   const struct plot *plot = d->plot;
   double across[2] = {INFINITY, -INFINITY}, down[2] = {INFINITY, -INFINITY};

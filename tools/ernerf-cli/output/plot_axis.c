@@ -3,7 +3,7 @@
 
 #include <math.h>
 
-static const double margin = 0.06; /* of the axis, beyond the outermost values */
+static const double margin = 0.06; /* share of the axis beyond the outermost values */
 
 struct plot_axis plot_axis_around(double low, double high, bool log) {
   struct plot_axis axis = {.log = log};
@@ -43,7 +43,7 @@ size_t plot_axis_ticks(const struct plot_axis *axis, size_t wanted, double ticks
   static const double digits[] = {1, 2, 5};
   if (!axis->log || axis->high < 8 * axis->low) return linear_ticks(axis, wanted, ticks);
   const double decades = log10(axis->high / axis->low);
-  const size_t each = 3 * decades <= 2 * (double)wanted ? 3 : 1; /* 1 2 5 10, or powers of ten alone */
+  const size_t each = 3 * decades <= 2 * (double)wanted ? 3 : 1; /* ticks at 1 2 5 10, or at powers of ten only */
   const double stride = each == 3 ? 1 : ceil(decades / (double)wanted);
   size_t count = 0;
   for (double power = floor(log10(axis->low)); power <= log10(axis->high); power += stride)

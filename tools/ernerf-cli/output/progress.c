@@ -8,8 +8,8 @@
 enum { MINUTE = 60, HOUR = 3600, LINE_BYTES = 256 };
 
 static const double redraw_seconds = 0.1, json_seconds = 0.5;
-/* Into a pipe: every 5 s at first, every minute after the first ones; or every twentieth, but not in the same second.
- */
+/* Intervals of lines into a pipe: every 5 s for the first patience_seconds, then every minute; also at each twentieth
+ * of the work, but at most once a second. */
 static const double line_seconds = 5, patience_seconds = 120, late_line_seconds = 60, crowded_seconds = 1;
 
 void progress_begin(struct progress *progress, struct session *session, const char *what, const char *unit) {
@@ -29,7 +29,7 @@ void progress_duration(double seconds, char text[32]) {
     snprintf(text, 32, "%ld h %02ld min", whole / HOUR, whole % HOUR / MINUTE);
 }
 
-/* Whether it is time for a line; the last one is always said. */
+/* Whether a line is due; the last one is always printed. */
 static bool is_due(const struct progress *progress, uint64_t done, uint64_t total, double now) {
   const double since = now - progress->last;
   if (done >= total) return done > progress->last_done || progress->terminal;

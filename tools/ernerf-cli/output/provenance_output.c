@@ -29,7 +29,7 @@ static json_t *read_own(const char *path) {
   return NULL;
 }
 
-/* Whether the file is one that this program wrote: it stays behind where only its video was deleted. */
+/* Whether this program wrote the file: it remains when only its video was deleted. */
 static bool is_own(const char *path) {
   json_t *about = read_own(path);
   json_decref(about);
@@ -41,7 +41,7 @@ json_t *provenance_read(const char *output) {
   return snprintf(path, sizeof path, "%s.provenance.json", output) < (int)sizeof path ? read_own(path) : NULL;
 }
 
-/* Of numbered pictures one for all: "all" in the place of their number. */
+/* Numbered pictures share one file, with "all" in place of the number. */
 int provenance_check(struct provenance *provenance, struct session *session, const char *output) {
   const char *percent = strchr(output, '%'), *mark = percent != NULL ? strchr(percent, 'd') : NULL;
   const size_t capacity = sizeof provenance->path;
@@ -56,7 +56,7 @@ int provenance_check(struct provenance *provenance, struct session *session, con
                                                              : EXIT_FAILURE;
 }
 
-/* {"file": NAME, "sha256": ...}, without the folder, which is nobody else's business. */
+/* {"file": NAME, "sha256": ...}, without the folder, which is private. */
 static json_t *file_json(struct session *session, const char *path, char hex[65]) {
   const char *slash = strrchr(path, '/');
   if (ern_file_sha256(session->context, path, hex) != ERN_OK) return NULL;
@@ -91,7 +91,7 @@ int provenance_learn(struct provenance *provenance, struct session *session, con
   return 0;
 }
 
-/* What all segments say alike: an object. */
+/* The members that are equal in all segments: an object. */
 static json_t *said_by_all(const json_t *says) {
   static const char *const own[] = {"output", "version", "first_frame", "frames", "sound", "sound_file"}; /* of one */
   json_t *first = json_array_get(says, 0), *alike = json_is_object(first) ? json_copy(first) : json_object(), *value;
@@ -107,7 +107,7 @@ static json_t *said_by_all(const json_t *says) {
   return alike;
 }
 
-/* Name and hash of a segment, and what it says that not all say alike, but for the name that it had. */
+/* Name and hash of a segment, and its members that differ between segments, except its former name. */
 static json_t *segment_json(struct session *session, const char *path, json_t *says, const json_t *alike) {
   char hex[65];
   const char *name;
@@ -131,7 +131,7 @@ int provenance_join(struct provenance *provenance, struct session *session, char
   bool whole = alike != NULL && list != NULL && heard != NULL;
   for (size_t k = 0; k < json_array_size(says) && whole; k++)
     whole = json_array_append_new(list, segment_json(session, segments[k], json_array_get(says, k), alike)) == 0;
-  if (whole) /* no source type: not all say the same */
+  if (whole) /* no source type: the segments differ */
     provenance->about = json_pack("{s:s, s:s, s:O?, s:b, s:O, s:O}", "made_by", "ernerf", "version", ern_version(),
                                   "digital_source_type", json_object_get(alike, "digital_source_type"), "sound",
                                   sound != NULL, "sound_file", heard, "segments", list);

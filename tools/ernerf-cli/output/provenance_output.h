@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * What outputs say of how they were made, and the file beside them that says more (docs/provenance.md). */
+ * Provenance of outputs: a record in each output of how it was made, and a more detailed file beside it
+ * (docs/provenance.md). */
 #ifndef ERN_CLI_PROVENANCE_OUTPUT_H
 #define ERN_CLI_PROVENANCE_OUTPUT_H
 
@@ -11,33 +12,33 @@ struct provenance {
   bool off; /* --no-provenance */
   ern_provenance says;
   char path[4096]; /* of the file beside the output; "": none */
-  bool replaces;   /* an earlier one is there, of an output that was deleted */
+  bool replaces;   /* overwrites an earlier such file, whose output was deleted */
   char id[128];
-  json_t *about; /* what that file holds */
+  json_t *about; /* content of that file */
 };
 
 /* --no-provenance. */
 void provenance_options(struct provenance *provenance, struct option options[PROVENANCE_OPTIONS]);
 
-/* The file beside `output`, NAME.mp4 or numbered pictures: fails where another file is there that this program did not
- * write so, as session_check_output. */
+/* Names the file beside `output` (NAME.mp4 or numbered pictures). Fails as session_check_output if a file exists there
+ * that is not such a file of this program. */
 int provenance_check(struct provenance *provenance, struct session *session, const char *output);
 
-/* Hashes the model and what it speaks from (`speech` a file of sound or features, NULL: neither), and warns where the
- * model says nothing of consent. all_trained: as in ern_provenance. Returns 0, or EXIT_FAILURE after a message. */
+/* Hashes the model and the speech that drives it (`speech`: a file of sound or features, NULL: none), and warns if the
+ * model records no consent. all_trained: as in ern_provenance. Returns 0, or EXIT_FAILURE after a message. */
 int provenance_learn(struct provenance *provenance, struct session *session, const struct portrait *portrait,
                      const char *speech, bool all_trained);
 
-/* What the output is to say; NULL: nothing. */
+/* The record for the output; NULL: none. */
 const ern_provenance *provenance_of(const struct provenance *provenance);
 
-/* Writes the file beside the output, with the members of `more` too, which is taken. */
+/* Writes the file beside the output, including the members of `more`, whose reference is taken. */
 int provenance_write(struct provenance *provenance, struct session *session, json_t *more);
 
-/* What the file beside an output holds; NULL: there is none that this program wrote. The caller owns it. */
+/* Reads the file beside an output; NULL: there is none by this program. The caller owns the result. */
 json_t *provenance_read(const char *output);
-/* In the place of provenance_learn, of an output that is joined of `segments`. says: an array with what provenance_read
- * gave of each, null: nothing. sound: a file, NULL: none. */
+/* Used instead of provenance_learn for an output that is joined from `segments`. says: an array with the result of
+ * provenance_read for each, null: none. sound: a file, NULL: none. */
 int provenance_join(struct provenance *provenance, struct session *session, char *const *segments, const json_t *says,
                     const char *sound);
 void provenance_free(struct provenance *provenance);

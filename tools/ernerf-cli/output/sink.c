@@ -56,7 +56,7 @@ bool sink_on_stdout(const struct sink *sink) { return sink->kind == SINK_RAW || 
 
 /* ---- names ------------------------------------------------------------------------------------------------------- */
 
-/* A number of digits between '%' and 'd', "" or "05": at most 9, as more are never needed. */
+/* Whether the text between '%' and 'd' is a number format, "" or "05": at most 9 digits. */
 static bool is_number_mark(const char *percent) {
   const size_t digits = strspn(percent + 1, "0123456789");
   return percent[1 + digits] == 'd' && (digits == 0 || (digits == 2 && percent[1] == '0' && percent[2] != '0'));
@@ -73,7 +73,7 @@ static int check_pattern(const struct args *args, const char *path) {
   return -1;
 }
 
-/* Endings in any case. */
+/* File extensions, compared without regard to case. */
 static const struct {
   const char *ending;
   enum sink_kind kind;
@@ -91,7 +91,7 @@ bool sink_has_sound(const struct sink *sink) {
   return sink->kind == SINK_VIDEO && !is_gif(sink);
 }
 
-/* What the kind has no use for. */
+/* Refuses options that the kind of output does not use. */
 static int check_coding(const struct sink *sink, const struct args *args) {
   int status = -1;
   if (sink->kind != SINK_STREAM && sink->kind != SINK_VIDEO) status = args_forbid(args, "crf", "is for a video");
@@ -124,7 +124,7 @@ int sink_choose(struct sink *sink, const struct args *args, const char *path) {
                      path);
 }
 
-/* The path with the number in place of its mark, which sink_choose has checked. */
+/* The path with the number in place of %d, which sink_choose has checked. */
 static bool numbered_path(const struct sink *sink, size_t number, char path[PATH_BYTES]) {
   const char *percent = strchr(sink->path, '%'), *rest = strchr(percent, 'd') + 1;
   const int digits = percent[1] == '0' ? percent[2] - '0' : 1;
@@ -162,7 +162,7 @@ static ern_status write_exr(const struct sink *sink, const struct sink_picture *
                                         names, sink->provenance);
 }
 
-/* Remembers why, for the thread that draws. */
+/* Stores the error for the drawing thread. */
 static bool give_up(struct sink *sink, const char *format, ...) ERN_PRINTF(2, 3);
 static bool give_up(struct sink *sink, const char *format, ...) {
   char text[PATH_BYTES];
@@ -174,7 +174,7 @@ static bool give_up(struct sink *sink, const char *format, ...) {
   return false;
 }
 
-/* The samples of picture `streamed`: those from its time to the next one's, silence past the sound's end. */
+/* Writes picture `streamed` with its samples: from its time to the next picture's; silence after the sound's end. */
 static ern_status write_streamed(struct sink *sink, const uint8_t *rgba) {
   const ern_sound *sound = sink->sound;
   size_t count = 0;
@@ -193,7 +193,7 @@ static ern_status write_streamed(struct sink *sink, const uint8_t *rgba) {
   return ern_stream_writer_frame(sink->stream, rgba, sink->samples, count);
 }
 
-/* RGBA to RGB in its place; the picture is the writer's until it is given back. */
+/* Converts RGBA to RGB in place; the writer owns the picture until it is returned. */
 static void drop_alpha(uint8_t *rgba, size_t pixels) {
   for (size_t i = 1; i < pixels; i++) memmove(rgba + 3 * i, rgba + 4 * i, 3);
 }
@@ -211,7 +211,7 @@ static bool write_picture(struct sink *sink, const struct sink_picture *picture)
   } else if (sink->kind == SINK_STREAM) {
     status = write_streamed(sink, picture->rgba);
   } else {
-    (void)numbered_path(sink, picture->number, path); /* fits: sink_check has tried it */
+    (void)numbered_path(sink, picture->number, path); /* fits: checked by sink_check */
     const bool jpeg = sink->kind == SINK_JPEG;
     const ern_image image = {
         .width = sink->width, .height = sink->height, .channels = jpeg ? 3 : 4, .data = picture->rgba};
@@ -221,7 +221,7 @@ static bool write_picture(struct sink *sink, const struct sink_picture *picture)
                  : ern_image_write_provenance(sink->context, path, &image, JPEG_QUALITY, sink->provenance);
   }
   if (status == ERN_OK) return true;
-  (void)ern_last_error_copy(sink->context, path, sizeof path); /* the thread that draws may fail at the same time */
+  (void)ern_last_error_copy(sink->context, path, sizeof path); /* the drawing thread may fail at the same time */
   return give_up(sink, "%s", path);
 }
 
@@ -318,7 +318,7 @@ int sink_open(struct sink *sink, struct session *session, int width, int height,
   return 0;
 }
 
-/* Waits until the writer is done with what it was given. */
+/* Waits until the writer has written the queued pictures. */
 static void end_writer(struct sink *sink) {
   if (!sink->running) return;
   queue_end(&sink->queue);
@@ -348,8 +348,8 @@ int sink_next(struct sink *sink, struct session *session, ern_frame_output *outp
 }
 
 void sink_put(struct sink *sink, size_t number) {
-  const int place = queue_wait_for_slot(&sink->queue); /* that of sink_next */
-  if (place == QUEUE_OVER) return;                     /* the next sink_next says why */
+  const int place = queue_wait_for_slot(&sink->queue); /* the place of sink_next */
+  if (place == QUEUE_OVER) return;                     /* the next sink_next reports the error */
   sink->pictures[place].number = number;
   queue_fill(&sink->queue);
 }

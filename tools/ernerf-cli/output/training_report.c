@@ -10,7 +10,7 @@ void training_free(struct training_study *study) {
     for (int seed = 0; seed < TRAINING_SEEDS; seed++) curve_free(&study->kind[k].curve[seed]);
 }
 
-/* Points that all seeds have. */
+/* Number of points that all seeds have. */
 static size_t common_points(const struct training_kind *kind, size_t seeds) {
   size_t least = seeds > 0 ? kind->curve[0].count : 0;
   for (size_t seed = 1; seed < seeds; seed++)
@@ -54,7 +54,7 @@ double training_seconds_to(const struct training_kind *kind, size_t seeds, doubl
   return NAN;
 }
 
-/* Whole decibels up to the best end, the highest last. */
+/* Chooses integer decibels up to the best final PSNR, the highest last. */
 static void marks_of(const struct training_study *study, double marks[TRAINING_MARKS]) {
   double best = 0;
   for (size_t k = 0; k < study->count; k++) best = fmax(best, training_final(&study->kind[k], study->seeds).psnr.mean);
@@ -103,7 +103,7 @@ static json_t *quartiles_json(const struct quartiles *of) {
   return json_pack("{s:f, s:f, s:f}", "median", of->median, "quartile_1", of->low, "quartile_3", of->high);
 }
 
-/* Null where no fine step was possible. */
+/* null if no fine step was possible. */
 static json_t *fine_json(const struct fine_stage_cost *price) {
   json_t *steps = json_array();
   for (size_t i = 0; i < price->count; i++)
@@ -225,7 +225,7 @@ static void add_csv(const struct training_study *study, struct bytes *csv) {
 
 /* ---- files ------------------------------------------------------------------------------------------------------- */
 
-/* The mean curves over the seeds; where nothing is known of the mouth, its plot is a frame that says so. */
+/* Plots the mean curves over the seeds. If the mouth is unknown, its plot is an empty frame with a note. */
 static int plot_all(const struct training_study *study, struct session *session, const char *folder) {
   struct curve mean[TRAINING_KINDS] = {{0}};
   struct curve_named named[TRAINING_KINDS];

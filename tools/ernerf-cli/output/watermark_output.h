@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * --watermark: a pattern on the frames that `ernerf detect` finds again. */
+ * --watermark: a pattern in the frames that `ernerf detect` detects. */
 #ifndef ERN_CLI_WATERMARK_H
 #define ERN_CLI_WATERMARK_H
 
@@ -15,11 +15,11 @@ struct watermark {
 
 /* --watermark. */
 void watermark_options(struct watermark *watermark, struct option options[WATERMARK_OPTIONS]);
-/* EXIT_USAGE after a sentence, or -1. */
+/* EXIT_USAGE after a message, or -1. */
 int watermark_check(const struct watermark *watermark, const struct args *args);
-/* For frames of that size. Returns 0, or EXIT_FAILURE after a message. */
+/* Creates the pattern for frames of this size. Returns 0, or EXIT_FAILURE after a message. */
 int watermark_make(struct watermark *watermark, struct session *session, int width, int height);
-/* Puts it on a frame of that size, [height][width][4]. */
+/* Adds the pattern to a frame of that size, [height][width][4]. */
 int watermark_put(const struct watermark *watermark, struct session *session, uint8_t *rgba);
 void watermark_free(struct watermark *watermark);
 

@@ -11,8 +11,8 @@ enum { BLACK = 0, WHITE = 255 };
 typedef ern_status resize_function(ern_context *context, const ern_image *image, int width, int height,
                                    ern_image *resized);
 
-/* All images of a background come from ern_image_resize or ern_image_read, so that one function frees them: a plain one
- * is a pixel made large. */
+/* All images of a background come from ern_image_resize or ern_image_read, so that one function frees them: a plain
+ * colour is one pixel, scaled up. */
 static int plain_background(struct background *background, struct session *session, uint8_t level) {
   uint8_t pixel[3] = {level, level, level};
   const ern_image one = {.width = 1, .height = 1, .channels = 3, .data = pixel};
@@ -23,7 +23,7 @@ static int plain_background(struct background *background, struct session *sessi
 
 static int held(int i, int first, int end) { return (i < first ? first : i < end ? i : end - 1) - first; }
 
-/* `image` has the size of the box: what of it is in the picture, beside it its nearest pixels. */
+/* `image` has the size of the box. Copies the part inside the picture; outside the box repeats the nearest pixels. */
 static ern_status place_image(ern_context *context, const ern_image *image, const ern_box *box, int width, int height,
                               ern_image *placed) {
   uint8_t one[4] = {0};
@@ -40,8 +40,8 @@ static ern_status place_image(ern_context *context, const ern_image *image, cons
   return ERN_OK;
 }
 
-/* *fitted = what of the image is in the picture, scaled by `resize`: for a box whose sides no image can have. Its edges
- * are at whole pixels of the image. */
+/* *fitted = the visible part of the image, scaled by `resize`, for a box that exceeds the size limit of images. The
+ * part is cut at whole pixels of the image. */
 static ern_status cut_image(ern_context *context, const ern_image *image, const ern_box *box, int width, int height,
                             resize_function *resize, ern_image *fitted) {
   const double across = (double)image->width / (box->right - box->left);
@@ -97,7 +97,7 @@ static bool is_opaque(const ern_image *rgba) {
   return true;
 }
 
-/* Lays the picture over the clip's background, without a clip over black: alpha c + (1 - alpha) under. */
+/* Composites the picture over the clip's background, or over black without a clip: alpha c + (1 - alpha) under. */
 static int layered_background(struct background *background, struct session *session, const char *name,
                               const ern_image *rgba, const ern_clip *clip) {
   ern_image layer = {0};
@@ -145,12 +145,12 @@ int background_fill(struct background *background, struct session *session) {
 
 /* ---- torso pictures ---------------------------------------------------------------------------------------------- */
 
-/* Colours are averaged by how much of them is seen, else what is transparent would leave a rim. */
+/* Averages colours weighted by alpha; otherwise transparent pixels would leave a fringe. */
 static ern_status resize_rgba(ern_context *context, const ern_image *image, int width, int height, ern_image *resized) {
   const size_t pixels = (size_t)image->width * (size_t)image->height;
   ern_image seen = *image;
   seen.data = malloc(pixels * 4);
-  if (seen.data == NULL) return ERN_E_NO_MEMORY; /* without words */
+  if (seen.data == NULL) return ERN_E_NO_MEMORY; /* without an error message */
   for (size_t i = 0; i < pixels; i++) {
     const uint8_t *from = image->data + 4 * i;
     for (int c = 0; c < 3; c++) seen.data[4 * i + (size_t)c] = (uint8_t)((from[c] * from[3] + 127) / 255);
@@ -171,9 +171,8 @@ static ern_status resize_rgba(ern_context *context, const ern_image *image, int 
   return ERN_OK;
 }
 
-/* *rgba = a frame's picture in the size of the frames, NULL where there is none. ERN_E_NO_MEMORY may come without
- * words.
- */
+/* *rgba = a frame's picture in the size of the frames, NULL where there is none. ERN_E_NO_MEMORY may come without an
+ * error message. */
 static ern_status get_torso(struct background *background, ern_context *context, ern_clip *clip, ern_split split,
                             size_t index, const uint8_t **rgba) {
   ern_image torso = {0};

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * Which clip a verb works on, with which of its features and how much of it in memory. */
+ * The clip of a verb, the choice of its speech features, and the memory for its frames. */
 #ifndef ERN_CLI_CLIP_SOURCE_H
 #define ERN_CLI_CLIP_SOURCE_H
 
@@ -12,7 +12,7 @@ enum { CLIP_SOURCE_OPTIONS = 2 + SPEECH_MODEL_OPTIONS };
 
 struct clip_source {
   const char *path, *asr_model;
-  const char *features; /* a file instead of the clip's own; NULL: its own */
+  const char *features; /* a file in place of the clip's features; NULL: the clip's */
   uint64_t memory;      /* bytes that frames may take; 0: the library's choice */
   struct speech_model speech_model;
 };
@@ -20,7 +20,7 @@ struct clip_source {
 /* --asr_model --memory --speech-model --speech-preset. */
 void clip_source_options(struct clip_source *source, struct option options[CLIP_SOURCE_OPTIONS]);
 
-/* Opens the network that hears, where one is asked for and none is open, and the clip. With an asr_model the network is
+/* Opens the speech network, if one was requested and is not open yet, and the clip. With an asr_model the network is
  * not used. Returns 0, or EXIT_FAILURE after a message. */
 int clip_source_open(struct clip_source *source, struct session *session, ern_clip **clip);
 

@@ -5,8 +5,8 @@
 #include <stdio.h>
 #include <string.h>
 
-/* What an effect has to amount to. Below a thousandth of their size features are noise. The highlight of a surface
- * moves by twice the angle between two views. Half a level of 255 is what 8 bits hold. */
+/* Thresholds of the measures. Changes of features below a thousandth of their size are noise. The highlight of a
+ * surface moves by twice the angle between two views. Half a level of 255 is the resolution of 8 bits. */
 static const double least_feature_change = 1e-3, least_turn = 2, least_light = 0.5;
 static const double least_move = 0.25; /* pixels */
 

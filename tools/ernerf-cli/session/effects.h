@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * The effects that a model may have, what a clip calls for, and the words for both. */
+ * The optional effects of a model, the choice of effects for a clip, and their names and explanations. */
 #ifndef ERN_CLI_EFFECTS_H
 #define ERN_CLI_EFFECTS_H
 
@@ -8,32 +8,33 @@
 
 enum effect {
   EFFECT_EYE,   /* the lids follow an eye value */
-  EFFECT_CODES, /* a code a training frame, for what no other effect explains: its light */
-  EFFECT_VIEW,  /* colour depends on where it is seen from */
-  EFFECT_TORSO, /* a layer of its own behind the head */
+  EFFECT_CODES, /* one latent code for each training frame, for what no other effect explains, such as light */
+  EFFECT_VIEW,  /* colour depends on the view direction */
+  EFFECT_TORSO, /* a separate layer behind the head */
   EFFECTS
 };
 
-/* Which are there, by enum effect. */
+/* Which effects are present, by enum effect. */
 struct effects {
   bool has[EFFECTS];
 };
 
 const char *effect_name(enum effect effect); /* "eye", as in --effects LIST */
 
-/* What the measures call for, and whether the clip holds what an effect cannot be learnt without. */
+/* Chooses the effects that the clip's measures call for, and drops those whose training data the clip lacks. */
 void effects_choose(const ern_clip_measures *measures, struct effects *effects);
-/* Whether anything is heard: a head that does not speak cannot be learnt. */
+/* Whether the clip has audible speech, without which no head can be trained. */
 bool effects_has_speech(const ern_clip_measures *measures);
 
-/* LIST of --effects: names between commas; "none" alone is none. Returns -1, or EXIT_USAGE after a sentence. */
+/* Reads the LIST of --effects: names separated by commas; "none" alone: no effects. Returns -1, or EXIT_USAGE after a
+ * message. */
 int effects_read(const struct args *args, const char *list, struct effects *effects);
 
 /* "eye, view", or "none". */
 void effects_words(const struct effects *effects, char *words, size_t bytes);
 
-/* A line each: what was measured, and what follows from it. `say` gets the effect's name or that of what was measured
- * ("audio", "camera"), whether it is there, and a sentence. */
+/* Calls `say` once for each measure, with the name of the effect or of the measure ("audio", "camera"), whether it is
+ * present, and a sentence that gives the measured value and the conclusion. */
 void effects_explain(const ern_clip_measures *measures,
                      void (*say)(void *user, const char *name, bool there, const char *sentence), void *user);
 /* The measures as numbers. */

@@ -6,7 +6,7 @@
 #include <string.h>
 
 enum {
-  LONG_ENOUGH = 50, /* frames that the camera stands: telling its rays apart takes as long as 16 */
+  LONG_ENOUGH = 50, /* frames with a still camera: classifying its rays takes as long as 16 frames */
   MOST_MOMENTS = 256,
   AUDIO_WINDOWS = 8
 };

@@ -27,7 +27,7 @@ static int by_img_id(const void *left, const void *right) {
   return a->index < b->index ? -1 : a->index > b->index;
 }
 
-/* Numbers the frames and keeps their rows. */
+/* Numbers the frames and stores their rows. */
 static int number_frames(struct frame_source *frame_source, struct session *session) {
   free(frame_source->rows);
   frame_source->rows = malloc(frame_source->count * sizeof *frame_source->rows);
@@ -115,7 +115,7 @@ int frame_source_smooth_path(struct frame_source *frame_source, struct session *
   return status == ERN_OK ? 0 : session_fail(session);
 }
 
-/* The pose brings its frame along: that frame's torso picture, and its refined pose where the model has one. */
+/* All frames also get the clip frame of this pose: its torso picture and, if the model has one, its refined pose. */
 void frame_source_hold_pose(struct frame_source *frame_source, size_t frame) {
   const struct source_frame held = frame_source->source_frame[frame];
   for (size_t k = 0; k < frame_source->count; k++) {
@@ -223,7 +223,7 @@ double frame_source_seconds(const struct frame_source *frame_source, size_t k) {
   return ((double)source_frame->pose.aud_id + (double)source_frame->toward) / RATE_CLIP;
 }
 
-/* Of a frame at 25 a second. */
+/* The windows of a frame at 25 fps. */
 static void frame_windows(const struct frame_source *frame_source, const struct source_frame *frame,
                           const ern_features *features, ern_audio_pad pad, float *windows) {
   if (pad == ERN_AUDIO_PAD_ZERO)

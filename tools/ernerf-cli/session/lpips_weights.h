@@ -15,7 +15,7 @@ enum { LPIPS_OPTIONS = 2 };
 void lpips_weights_options(struct lpips_weights *weights, struct option options[LPIPS_OPTIONS]);
 /* EXIT_USAGE where one of the two is given without the other; else -1. */
 int lpips_weights_check(const struct lpips_weights *weights, const struct args *args);
-/* Reads them where they are given. Returns 0, or EXIT_FAILURE after a message. */
+/* Reads them if they are given. Returns 0, or EXIT_FAILURE after a message. */
 int lpips_weights_open(struct lpips_weights *weights, struct session *session);
 void lpips_weights_close(struct lpips_weights *weights);
 

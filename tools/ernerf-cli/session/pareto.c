@@ -4,10 +4,10 @@
 #include <math.h>
 #include <stdlib.h>
 
-/* Differences that are none: in dB, and as a share of the time. */
+/* Differences that count as zero: in dB, and as a share of the time. */
 static const double unseen = 0.01, unfelt = 0.01;
 
-/* Two-sided points of Student's t by degrees of freedom, 1 to 30; a little more than the true ones beyond. */
+/* Two-sided points of Student's t by degrees of freedom, 1 to 30; for more than 30, slightly above the true values. */
 enum { FREEDOM = 30 };
 static const double t95[FREEDOM] = {12.706, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306, 2.262, 2.228,
                                     2.201,  2.179, 2.160, 2.145, 2.131, 2.120, 2.110, 2.101, 2.093, 2.086,
@@ -16,8 +16,8 @@ static const double t99[FREEDOM] = {63.657, 9.925, 5.841, 4.604, 4.032, 3.707, 3
                                     3.106,  3.055, 3.012, 2.977, 2.947, 2.921, 2.898, 2.878, 2.861, 2.845,
                                     2.831,  2.819, 2.807, 2.797, 2.787, 2.779, 2.771, 2.763, 2.756, 2.750};
 
-/* The sign of the mean of some paired differences, where it is further from 0 than `least` and than its standard error
- * allows by Student's t; else 0. */
+/* The sign of the mean of paired differences, if its magnitude exceeds `least` and it is significant by Student's t;
+ * else 0. */
 static int sign_of(const double *differences, size_t count, const double student[FREEDOM], double least) {
   if (count < 2) return 0;
   const struct mean_and_deviation found = mean_of(differences, count);
@@ -46,13 +46,13 @@ static bool dominates(const struct candidate *a, const struct candidate *b, size
   return ms >= 0 && db >= 0 && ms + db > 0;
 }
 
-/* Whether a is to be shown rather than b, where nothing tells them apart. */
+/* Whether a is shown rather than b if they cannot be distinguished. */
 static bool is_simpler(const struct candidate *a, const struct candidate *b) {
   if (a->changes != b->changes) return a->changes < b->changes;
   return a->ms.median < b->ms.median;
 }
 
-/* The simplest point that stands on the front and that nothing tells from point k; k where there is none. */
+/* The simplest point on the front that cannot be distinguished from point k; k if there is none. */
 static size_t twin_of(const struct place *places, const struct candidate *c, size_t count, size_t frames, size_t k) {
   size_t best = k;
   for (size_t i = 0; i < count; i++) {
@@ -62,7 +62,7 @@ static size_t twin_of(const struct place *places, const struct candidate *c, siz
   return best;
 }
 
-/* Of the points of such a standing that beat k, the one with the best quality; k where there is none. */
+/* Among the points with the standing `wanted` that beat k, the one with the best quality; k if there is none. */
 static size_t dominating_point(const struct place *places, enum standing wanted, const struct candidate *c,
                                size_t count, size_t frames, size_t k) {
   double best = -INFINITY;
@@ -84,9 +84,10 @@ static size_t best_unknown(const struct place *places, const struct candidate *c
   return best;
 }
 
-/* The kernel of "beats": beaten is what a point of the front beats, and nothing else. A point that only beaten ones
- * beat stands, or a row of neighbours, each a hair better than the next, would take all of its end off the front.
- * "Measurably better" is not transitive: in a circle the best quality stands. */
+/* Finds the kernel of the dominance graph: exactly those points are dominated that a point of the front dominates. A
+ * point that only dominated points dominate stays on the front; otherwise a chain of neighbours, each slightly better
+ * than the next, would remove a whole end of the front. "Measurably better" is not transitive: in a cycle the point
+ * with the best quality stays. */
 static void find_kernel(struct place *places, const struct candidate *c, size_t count, size_t frames) {
   for (size_t left = count; left > 0;) {
     const size_t before = left;
@@ -107,7 +108,7 @@ static void find_kernel(struct place *places, const struct candidate *c, size_t 
 void pareto_find(struct place *places, const struct candidate *candidates, size_t count, size_t frames) {
   for (size_t k = 0; k < count; k++) places[k] = (struct place){STANDING_UNKNOWN, k};
   find_kernel(places, candidates, count, frames);
-  /* from the one with the most changes on, so that what is kept has no simpler twin */
+  /* begins with the point with the most changes, so that no kept point has a simpler equal */
   for (size_t done = 0; done < count; done++) {
     size_t k = count;
     for (size_t i = 0; i < count; i++)

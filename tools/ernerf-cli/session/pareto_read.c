@@ -7,7 +7,7 @@
 #include <string.h>
 #include <sys/stat.h>
 
-/* a point takes some 60 values, so that a file of ours has 16,000 at most */
+/* a point takes about 60 values, so a file of `ernerf tradeoff` has 16,000 at most */
 enum { FILE_LIMIT = 4 << 20, MOST_VALUES = 1 << 17, MOST_POINTS = 256, MOST_SIDE = 8192, HEX = 64 };
 static const double most_ms = 1e9, most_db = 100;
 
@@ -18,7 +18,7 @@ void pareto_free(struct pareto_front *front) {
 
 /* ---- members ----------------------------------------------------------------------------------------------------- */
 
-/* What is read, and where: for messages. */
+/* The file and the position in it, for messages. */
 struct reading {
   struct session *session;
   const char *path;
@@ -115,15 +115,15 @@ static int read_object(struct reading *r, const json_t *file, struct pareto_fron
   return read_points(r, file, front);
 }
 
-/* Values that jansson would keep, each of some 160 bytes, and lists, of up to 480: counted by what begins or parts
- * them, in strings too, so that there are rather fewer. */
+/* Upper bound of the number of values that jansson would allocate (about 160 bytes each, lists up to 480): counts the
+ * characters that begin or separate values, also inside strings. */
 static size_t count_values(const char *text, size_t count) {
   size_t values = 0;
   for (size_t i = 0; i < count; i++) values += text[i] == ',' || text[i] == '[' || text[i] == '{';
   return values;
 }
 
-/* The bytes of a file of at most FILE_LIMIT, *count of them; NULL where there are none, and says why. */
+/* Reads a file of at most FILE_LIMIT bytes; *count: its size. NULL after a message. */
 static char *read_text(const struct reading *r, size_t *count) {
   FILE *file = fopen(r->path, "rb");
   char *text = malloc(FILE_LIMIT + 1);

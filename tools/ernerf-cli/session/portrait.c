@@ -12,7 +12,7 @@
 
 enum { MOMENTS = 6, AUDIO_WINDOWS = 8 };
 
-/* Under 0.01 dB on every clip that it was measured on, for a sixth of the samples (docs/history-rendering.md). */
+/* Costs less than 0.01 dB on every measured clip, and saves a sixth of the samples (docs/history-rendering.md). */
 static const float TRANSMITTANCE_STOP = 3e-3f;
 
 void portrait_options(struct portrait *portrait, enum frame_source_split split,
@@ -101,9 +101,8 @@ void portrait_options(struct portrait *portrait, enum frame_source_split split,
     source[1].help = "maximum memory for decoded frames of the clip, such as 512M (default: none is kept)";
 }
 
-/* What the command line leaves open is as in training. What it says goes, with a warning where the model says
- * otherwise.
- */
+/* Options that were not given take the training's values. Options that were given take precedence, with a warning if
+ * the model differs. */
 static void take_view(struct portrait *portrait, struct session *session, const struct args *args) {
   const ern_model_info *info = &portrait->info;
   ern_render_options *render = &portrait->render;
@@ -178,7 +177,7 @@ int portrait_refuse_sound(const struct portrait *portrait, struct session *sessi
                            portrait->model_path, ERN_SPEECH_CEPSTRA, wanted);
 }
 
-/* The clip's own file of these features holds what computing them from its sound gives. */
+/* Whether the clip has a file of these features, which equals the features computed from its sound. */
 static bool has_file(const char *clip, const char *kind) {
   char path[4096];
   const char *name = strcmp(kind, "esperanto") == 0 ? "aud_eo" : strcmp(kind, "hubert") == 0 ? "aud_hu" : NULL;
@@ -222,7 +221,7 @@ int portrait_open(struct portrait *portrait, struct session *session, const stru
   return 0;
 }
 
-/* Moments spread over the speech; eyes from open to closed, whatever they are at those. */
+/* Samples moments over the whole speech, with eye values from open to closed regardless of the frames' own. */
 int portrait_thin(struct portrait *portrait, struct session *session, const struct frame_source *frame_source,
                   const ern_features *features) {
   const size_t values = (size_t)AUDIO_WINDOWS * (size_t)features->window_length * (size_t)features->width;

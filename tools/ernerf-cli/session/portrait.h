@@ -17,10 +17,10 @@ struct portrait {
   float scale, occupancy_threshold;
   int audio_pad, split; /* ern_audio_pad, enum frame_source_split */
   struct range frames;
-  struct clip_source source; /* its path NULL: no clip */
+  struct clip_source source; /* source.path NULL: no clip */
   bool force;
-  bool other_speech; /* set by the verb: the model speaks from another sound than the clip's, which only its silence is
-                        learnt from */
+  bool other_speech; /* set by the verb: other sound than the clip's drives the model; the clip only serves to learn
+                        silence */
   /* made */
   ern_model *model;
   ern_model_info info;
@@ -36,29 +36,33 @@ enum { PORTRAIT_OPTIONS = 12 + CLIP_SOURCE_OPTIONS };
 void portrait_options(struct portrait *portrait, enum frame_source_split split,
                       struct option options[PORTRAIT_OPTIONS]);
 
-/* Opens model, clip (where there is one), backend (where none is open) and renderer. A model of another clip is
- * refused, with --force only told of. Returns 0, or EXIT_FAILURE after a message. */
+/* Opens the model, the clip (if any), the backend (unless open) and the renderer. A model of another clip is refused;
+ * with --force it causes only a warning. Returns 0, or EXIT_FAILURE after a message. */
 int portrait_open(struct portrait *portrait, struct session *session, const struct args *args);
 void portrait_close(struct portrait *portrait);
 
-/* Leaves out cells that hold next to nothing while these frames speak, where --occupancy_threshold asks for it. Returns
- * 0, or EXIT_FAILURE after a message. */
+/* With --occupancy_threshold, prunes occupancy cells whose density is below it at moments sampled from these frames.
+ * Returns 0, or EXIT_FAILURE after a message. */
 int portrait_thin(struct portrait *portrait, struct session *session, const struct frame_source *frame_source,
                   const ern_features *features);
 
-/* The pose of the head in `refined` where the model has a camera refinement and frame k is one of a clip; else NULL. */
+/* If the model has a camera refinement and frame k is a clip's, puts the refined pose of the head into `refined` and
+ * returns it; else NULL. */
 const float *portrait_refined(const struct portrait *portrait, const struct frame_source *frame_source, size_t k,
                               float refined[16]);
 
-/* The kind of features that the model speaks from: ern_model_info.speech, or what its width says; "" unknown. */
+/* The kind of speech features that drives the model: ern_model_info.speech, or guessed from the feature width; "":
+ * unknown. */
 const char *portrait_speech(const struct portrait *portrait);
-/* Says that the model does not speak from the built-in features of a sound, and what it takes. Returns EXIT_FAILURE. */
+/* Prints that the model does not take the built-in features of a sound, and which input it takes. Returns EXIT_FAILURE.
+ */
 int portrait_refuse_sound(const struct portrait *portrait, struct session *session);
 
 /* "head" or "head+torso". */
 const char *portrait_kind(const struct portrait *portrait);
-/* Frames [begin, end) that --frames asks for. With --smooth_lips the speech of those before is heard, not drawn, so
- * that the first ones are as in the whole. Returns 0, or an exit status after a message. */
+/* Keeps frames [begin, end) of --frames. With --smooth_lips the speech of the earlier frames is processed without
+ * drawing, so that the first frames are the same as in the whole output. Returns 0, or an exit status after a message.
+ */
 int portrait_cut(const struct portrait *portrait, struct session *session, const struct args *args,
                  struct frame_source *frame_source, const ern_features *features);
 

@@ -8,7 +8,8 @@
 #define TEXT_OF(x) #x
 #define SONAME(major) "libernerf-prepare.so." TEXT_OF(major)
 
-/* Functions by their names. ISO C has no cast from an object's address to a function's: they are copied. */
+/* Functions to look up by name. ISO C has no cast from an object pointer to a function pointer, so the pointers are
+ * copied. */
 struct wanted {
   const char *name;
   void *function; /* a pointer to one */

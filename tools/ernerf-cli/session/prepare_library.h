@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * libernerf-prepare, loaded when a verb needs it: other verbs wait for neither Ceres Solver nor OpenCV's trackers. */
+ * Loads libernerf-prepare only when a verb needs it, so that other verbs do not load Ceres Solver and OpenCV's
+ * trackers. */
 #ifndef ERN_CLI_PREPARE_LIBRARY_H
 #define ERN_CLI_PREPARE_LIBRARY_H
 
@@ -13,10 +14,10 @@ struct prepare_library {
                     ern_prepare_result *result, size_t bytes);
 };
 
-/* Returns 0, or EXIT_FAILURE after a message. It stays loaded until the program ends. */
+/* Returns 0, or EXIT_FAILURE after a message. The library stays loaded until the program ends. */
 int prepare_library_load(struct prepare_library *library, struct session *session);
 
-/* The functions of prepare.h of these names. */
+/* The functions of prepare.h with these names. */
 struct landmark_library {
   ern_status (*open)(ern_context *context, const char *path, ern_landmark_network **network);
   void (*free)(ern_landmark_network **network);
@@ -27,7 +28,7 @@ struct landmark_library {
                      float points[68][2]);
 };
 
-/* The same. */
+/* As prepare_library_load. */
 int prepare_library_landmarks(struct landmark_library *library, struct session *session);
 
 #endif

@@ -22,7 +22,7 @@ static long common_divisor(long a, long b) {
   return a;
 }
 
-/* One to seven digits at *text, which then points behind them. */
+/* Reads one to seven digits at *text and advances it past them. */
 static bool read_digits(const char **text, long *value) {
   const size_t digits = strspn(*text, "0123456789");
   if (digits < 1 || digits > 7) return false;

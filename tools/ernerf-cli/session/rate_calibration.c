@@ -10,10 +10,10 @@
 
 enum { LOOK_FRAMES = 2, LOOK_TURNS = 3, LOOK_RUNGS = 10 };
 
-static const double most_db = 100;   /* of pictures that are the same */
-static const double apart = 1 / 0.9; /* what neighbours differ by in time: a rate is held as closely as this */
+static const double most_db = 100;   /* PSNR assigned to identical pictures */
+static const double apart = 1 / 0.9; /* time ratio of neighbouring rungs: the precision with which a rate is held */
 
-/* From the most accurate on. Settings that take long to prepare are not among them. */
+/* The most accurate first. Settings with a long preparation are not included. */
 static const struct {
   float image_scale, transmittance_stop;
 } ladder[LOOK_RUNGS] = {{1, 1e-4f},   {1, 0.03f},   {0.9f, 0.03f}, {0.8f, 0.03f}, {0.7f, 0.03f},
@@ -39,7 +39,7 @@ static struct settings settings_of(const struct rate_control *g) {
   return own;
 }
 
-/* To digits that are read: hundredths of the size, two digits of the transmittance. */
+/* Rounds to readable values: the scale to hundredths, the transmittance to two digits. */
 static struct rung rung_of(const struct settings *base, double image_scale, double transmittance_stop) {
   struct rung rung = {.settings = *base, .price = NAN};
   struct bytes name = {0};
@@ -62,7 +62,7 @@ static size_t frame_at(const struct rate_control *g, size_t f) {
   return g->frame_source->count > 1 ? (g->frame_source->count - 1) * (f + 1) / (LOOK_FRAMES + 1) : 0;
 }
 
-/* Pictures first: they warm up too. */
+/* Renders the pictures first: this is also the warm-up. */
 static int compare_all(struct rate_control *g, struct look *look, rate_control_draw *draw, void *user) {
   for (size_t i = 0; i < g->count; i++) {
     if (rung_make(g, &g->rung[i]) != 0) return EXIT_FAILURE;
@@ -87,8 +87,8 @@ static int time_all(struct rate_control *g, struct look *look, rate_control_draw
   return 0;
 }
 
-/* Whether another rung is as fast and as accurate; of two equals the later one goes. Two frames are too few to tell
- * qualities apart by their spread: their mean stands for it. */
+/* Whether another rung is as fast and as accurate; of two equal rungs the later one is removed. Two frames are too few
+ * for a test of significance, so mean qualities are compared. */
 static bool is_dominated(const struct rate_control *g, size_t i) {
   for (size_t k = 0; k < g->count; k++) {
     const struct rung *a = &g->rung[k], *b = &g->rung[i];
@@ -124,8 +124,8 @@ static void keep_useful(struct rate_control *g, struct look *look) {
 
 static double between(double from, double to, double share) { return from * pow(to / from, share); }
 
-/* Rungs between neighbours that are further apart than asked: scale, transmittance and time in equal ratios, as the
- * time goes with a power of the scale; the quality in equal steps. */
+/* Adds rungs between neighbours that are too far apart: scale, transmittance and time are interpolated in equal ratios,
+ * because the time follows a power of the scale; the quality in equal steps. */
 static void fill_gaps(struct rate_control *g, const struct settings *base) {
   struct rung measured[LOOK_RUNGS];
   const size_t count = g->count;

@@ -1,13 +1,13 @@
 /* SPDX-License-Identifier: MIT
- * A quick look at what settings cost, where no front is stored. */
+ * A short calibration of the cost of settings, used if no Pareto front is stored. */
 #ifndef ERN_CLI_RATE_CALIBRATION_H
 #define ERN_CLI_RATE_CALIBRATION_H
 
 #include "session/rung.h"
 
-/* Draws two frames with each of a few settings, in turns, and leaves those that nothing betters as rungs, with others
- * between them whose cost is interpolated, so that neighbours are a tenth of the time apart. Returns 0, or EXIT_FAILURE
- * after a message. */
+/* Draws two frames with each of a few settings, in turns. The Pareto-optimal settings become rungs; rungs with
+ * interpolated cost are added between them, so that neighbours are a tenth of the time apart. Returns 0, or
+ * EXIT_FAILURE after a message. */
 int rate_control_calibrate(struct rate_control *rate_control, struct dimensions size, rate_control_draw *draw,
                            void *user);
 

@@ -10,7 +10,7 @@
 #include "session/rate_calibration.h"
 
 enum { QUALITY_EXACT, QUALITY_BALANCED, QUALITY_DRAFT };
-static const double balanced_db = 40; /* from the exact render: what balanced is at least; 2.5 of 255 in the mean */
+static const double balanced_db = 40; /* least PSNR of "balanced" against the exact render; RMS 2.5 of 255 */
 
 void rate_control_options(struct rate_control *g, struct option options[RATE_CONTROL_OPTIONS]) {
   g->quality = -1;
@@ -71,7 +71,7 @@ void rate_control_close(struct rate_control *g) {
 
 /* ---- a stored front ---------------------------------------------------------------------------------------------- */
 
-/* MODEL without its ending, and .tradeoff/tradeoff.json. */
+/* The path of MODEL's own front: MODEL without its extension, then .tradeoff/tradeoff.json. */
 static bool own_front(const struct rate_control *g, char path[4096]) {
   const char *model = g->portrait->model_path, *slash = strrchr(model, '/'), *dot = strrchr(model, '.');
   const size_t stem =
@@ -92,7 +92,7 @@ static void take_cpu(void *user, const ern_device_info *device) {
   machine->cores = device->compute_units < MOST_CORES ? (int)device->compute_units : MOST_CORES;
 }
 
-/* What of it is of another model, machine or size, in `why`; "" where all fits. */
+/* Tells in `why` if the front belongs to another model, machine or size; "": it matches. */
 static int compare(struct rate_control *g, const struct pareto_front *front, struct dimensions size, char why[256]) {
   struct machine machine = {0};
   char sha256[65];
@@ -111,8 +111,8 @@ static int compare(struct rate_control *g, const struct pareto_front *front, str
   return 0;
 }
 
-/* The front's points, the most accurate first; where there are more than rungs, of neighbours that are nearest in time
- * the faster one goes. */
+/* Takes the front's points as rungs, the most accurate first. If there are too many, repeatedly removes the faster one
+ * of the two neighbours nearest in time. */
 static void take_front(struct rate_control *g, struct pareto_front *front) {
   double best = -INFINITY;
   while (front->count > RATE_CONTROL_RUNGS) {
@@ -134,7 +134,8 @@ static void take_front(struct rate_control *g, struct pareto_front *front) {
   }
 }
 
-/* *found: rungs were taken from it. A front that was named must fit; one that was only found is passed over. */
+/* *found: rungs were taken from the front. A front given by --front must match; MODEL's own is ignored if it does not
+ * match. */
 static int read_front(struct rate_control *g, struct dimensions size, bool *found) {
   struct pareto_front front = {0};
   char why[256] = "";
@@ -154,7 +155,7 @@ static int read_front(struct rate_control *g, struct dimensions size, bool *foun
 
 /* ---- choosing ---------------------------------------------------------------------------------------------------- */
 
-/* The rung of a name alone. */
+/* Keeps only the rung that --quality names. */
 static void keep_quality(struct rate_control *g) {
   size_t at = g->quality == QUALITY_DRAFT ? g->count - 1 : 0;
   if (g->quality == QUALITY_BALANCED)
@@ -215,8 +216,8 @@ int rate_control_open(struct rate_control *g, struct session *session, const str
     session_warn(session,
                  "no settings reach %.4g frames a second on this machine: the fastest, \"%s\", take %.1f ms a frame",
                  1000 / budget_of(g), g->rung[g->count - 1].name, g->rung[g->count - 1].ms);
-  /* made before frames are awaited: the first, and what takes long to make; others take as long as a copy of the model
-   */
+  /* created before live frames begin: the first, and those that are slow to create; others take only a copy of the
+   * model */
   for (size_t i = g->controller.at > 0 ? g->controller.at - 1 : 0; i < g->count; i++)
     if ((i == g->controller.at || g->rung[i].settings.occupancy_threshold > 0) && rung_make(g, &g->rung[i]) != 0)
       return EXIT_FAILURE;

@@ -6,7 +6,7 @@
 #include <string.h>
 
 static int backend_of(struct rate_control *g, const struct settings *s, ern_backend **backend) {
-  const ern_backend_info *own = &g->session->backend_info; /* the session's, which it frees itself */
+  const ern_backend_info *own = &g->session->backend_info; /* the session's backend, which the session frees */
   if (strcmp(own->name, s->backend) == 0 &&
       (s->isa[0] == 0 ? g->session->device == s->device : strcmp(own->isa, s->isa) == 0)) {
     *backend = g->session->backend;

@@ -17,10 +17,10 @@
 #include "ernerf/data.h"
 
 static volatile sig_atomic_t interrupted; /* number of the signal */
-static int stopped_by;                    /* that session_stop_with told of */
+static int stopped_by;                    /* the signal that session_stop_with reported */
 
-/* The next SIGINT or SIGTERM ends the program at once. A terminal that closes says so twice, by the system and by its
- * shell: that is one signal. */
+/* The next SIGINT or SIGTERM ends the program at once. When a terminal closes, SIGHUP comes twice, from the system and
+ * from the shell: both count as one. */
 static void catch_interrupt(int number) {
   signal(SIGINT, SIG_DFL);
   signal(SIGTERM, SIG_DFL);
@@ -173,9 +173,9 @@ static void catch_signals(void) {
   sigemptyset(&action.sa_mask);
   sigaction(SIGINT, &action, NULL);
   sigaction(SIGTERM, &action, NULL);
-  if (sigaction(SIGHUP, NULL, &before) == 0 && before.sa_handler != SIG_IGN) /* which nohup asks for */
+  if (sigaction(SIGHUP, NULL, &before) == 0 && before.sa_handler != SIG_IGN) /* ignored by nohup */
     sigaction(SIGHUP, &action, NULL);
-  /* a write that is too large or has no reader then fails with a reason, instead of ending the program */
+  /* a write beyond the size limit or without a reader then fails with an error, instead of killing the program */
   action = (struct sigaction){.sa_handler = SIG_IGN};
   sigaction(SIGXFSZ, &action, NULL);
   sigaction(SIGPIPE, &action, NULL);
@@ -237,7 +237,7 @@ bool session_json_on_stdout(const struct session *session) {
   return session->json != NULL && strcmp(session->json, "-") == 0;
 }
 
-/* Bytes of the UTF-8 character at `text`; 0: there is none. Overlong forms and surrogates are none, as in jansson. */
+/* Bytes of the UTF-8 character at `text`; 0: invalid. Overlong forms and surrogates are invalid, as in jansson. */
 static size_t character_bytes(const char *text) {
   size_t bytes = (unsigned char)text[0] < 0x80 ? 1 : 2;
   for (; bytes <= 4; bytes++) {
@@ -367,7 +367,8 @@ bool session_lies_in(const char *output, const char *folder) {
 
 enum { PLACE_BYTES = 4096, MOST_LINKS = 40 };
 
-/* Where a path leads, from the root on: its links followed, and what is not there yet by name. False: nowhere. */
+/* The absolute path with symbolic links resolved; components that do not exist yet keep their names. False: it cannot
+ * be resolved. */
 static bool place_of(const char *path, char place[PLACE_BYTES]) {
   char at[PLACE_BYTES], target[PLACE_BYTES], *real = NULL;
   int bytes = snprintf(at, sizeof at, "%s", path);
@@ -379,7 +380,7 @@ static bool place_of(const char *path, char place[PLACE_BYTES]) {
     bytes = snprintf(at + folder, sizeof at - folder, "%.*s", (int)length, target) + (int)folder;
   }
   if (bytes >= PLACE_BYTES) return false;
-  size_t keep = strlen(at); /* of `at`, a folder that is there */
+  size_t keep = strlen(at); /* length of the part of `at` that is an existing folder */
   do {
     while (keep > 0 && at[keep - 1] != '/') keep--;
     const char *rest = at + keep;

@@ -81,7 +81,7 @@ json_t *settings_json(const struct settings *s) {
                    s->threads);
 }
 
-/* The member as a number in [low, high]; `whole`: without a fraction. */
+/* Reads the member as a number in [low, high]; `whole`: an integer. */
 static bool take(const json_t *object, const char *name, double low, double high, bool whole, double *value) {
   const json_t *member = json_object_get(object, name);
   if (whole ? !json_is_integer(member) : !json_is_number(member)) return false;

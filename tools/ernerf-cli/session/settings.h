@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * What accuracy and time of a render depend on, as plain values: compared, put into words, and one changed at a time.
- */
+ * The settings on which accuracy and time of a render depend, as plain values: functions compare them, print them, and
+ * change one at a time. */
 #ifndef ERN_CLI_SETTINGS_H
 #define ERN_CLI_SETTINGS_H
 
@@ -17,29 +17,29 @@ struct settings {
   int threads;               /* of the CPU, 0: one a core; 0 of a device */
 };
 
-/* Which of them is changed: each by itself, the others being those of the base. */
+/* The setting that a choice changes; all others keep the base's values. */
 enum axis { AXIS_SCALE, AXIS_STEPS, AXIS_STOP, AXIS_THRESHOLD, AXIS_UNIT, AXIS_THREADS, AXES };
 struct choice {
   enum axis axis;
-  double value;              /* of the first four; the number of threads; an OpenCL device */
+  double value;              /* of the first four axes; AXIS_THREADS: number of threads; AXIS_UNIT: OpenCL device */
   const char *backend, *isa; /* of AXIS_UNIT */
 };
 struct settings settings_with(struct settings settings, const struct choice *choice);
 
-/* How many are not the base's. */
+/* Number of settings that differ from the base. */
 size_t settings_changes(const struct settings *settings, const struct settings *base);
-/* "scale 0.5, 8 samples": what is not the base's; `none` where nothing is. */
+/* "scale 0.5, 8 samples": the settings that differ from the base; `none` if none does. */
 void settings_name(const struct settings *settings, const struct settings *base, const char *none, struct bytes *name);
-/* The words for `ernerf render` that ask for what is not the base's; of all with base NULL. Each begins with a
- * blank. */
+/* The options of `ernerf render` for the settings that differ from the base; base NULL: for all settings. Each begins
+ * with a space. */
 void settings_options(const struct settings *settings, const struct settings *base, struct bytes *words);
 
 /* {"max_steps": 16, ...}; NULL without memory. */
 json_t *settings_json(const struct settings *settings);
-/* The other way round. NULL: it was read; else which member is wrong, and what was expected. */
+/* Reads the object of settings_json. Returns NULL, or a text that names the wrong member and what was expected. */
 const char *settings_of_json(struct settings *settings, const json_t *object);
 
-/* What a renderer is made with; the threshold is asked for by ern_renderer_prune_occupancy. */
+/* Copies the settings that a renderer is created with; ern_renderer_prune_occupancy applies the occupancy threshold. */
 void settings_apply(const struct settings *settings, ern_render_options *options);
 
 #endif

@@ -23,8 +23,8 @@ void silence_pose_free(struct silence_pose *pose) {
   *pose = (struct silence_pose){.off = pose->off};
 }
 
-/* loudness[count] in dB of the 40 ms of each frame, all channels together; what is past the end of the sound is as
- * quiet as can be. */
+/* loudness[count] in dB of the 40 ms of each frame, all channels together; frames past the end of the sound get the
+ * least value. */
 static void measure(float *loudness, size_t count, const ern_sound *sound) {
   for (size_t t = 0; t < count; t++) {
     const size_t rate = (size_t)sound->rate, from = t * rate / FRAMES_A_SECOND, to = (t + 1) * rate / FRAMES_A_SECOND;
@@ -39,7 +39,7 @@ static void measure(float *loudness, size_t count, const ern_sound *sound) {
   }
 }
 
-/* *silence is NULL where it cannot be told in this clip; that is said. Returns as silence_pose_open. */
+/* *silence is NULL, after a message, if silence cannot be detected in this clip. Returns as silence_pose_open. */
 static int learn(struct session *session, const struct portrait *portrait, ern_silence **silence) {
   const ern_features *features = ern_clip_features(portrait->clip);
   ern_context *context = session->context;
@@ -62,7 +62,7 @@ static int learn(struct session *session, const struct portrait *portrait, ern_s
   return 0;
 }
 
-/* The mean code of the rows of `features` whose weight is 1; of every k-th where they are many. */
+/* The mean code of the rows of `features` whose weight is 1; of every k-th if there are many. */
 static int mean_code(struct silence_pose *pose, struct session *session, const struct portrait *portrait,
                      const ern_features *features, const float *weight, float *windows) {
   double sum[CODE] = {0};
@@ -109,7 +109,7 @@ static int find(struct silence_pose *pose, struct session *session, const ern_fe
   return ern_silence_weights(pose->silence, speech, pose->weight) == ERN_OK ? 0 : session_fail(session);
 }
 
-/* Whether the clip's features are those that the model speaks from; else says so. */
+/* Whether the clip's features are of the kind that the model takes; else prints a message. */
 static bool features_fit(struct session *session, const struct portrait *portrait) {
   if (portrait->clip == NULL) {
     session_note(session, "%s: without --clip it is not known how the mouth rests, so it follows the speech alone",

@@ -48,7 +48,7 @@ const char *speech_model_file(struct speech_model *speech_model) {
   if (speech_model->path == NULL) return NULL;
   const size_t count = strlen(speech_model->path), tail = sizeof onnx - 1;
   const size_t stem = count > tail && strcmp(speech_model->path + count - tail, onnx) == 0 ? count - tail : count;
-  if (stem + sizeof onnx > sizeof speech_model->beside) return NULL; /* longer than a path may be */
+  if (stem + sizeof onnx > sizeof speech_model->beside) return NULL; /* exceeds the length of a path */
   snprintf(speech_model->beside, sizeof speech_model->beside, "%.*s.json", (int)stem, speech_model->path);
   return speech_model->beside;
 }
@@ -61,7 +61,7 @@ static int watch(void *user, size_t done, size_t pieces) {
   return session_interrupted();
 }
 
-/* What the model, if any, says of its features; NULL: a file beside the network is left to say it. */
+/* The description of the network: by --speech-preset, else by the model; NULL: a file beside the network has it. */
 static const char *description_of(const struct speech_model *speech_model, const ern_model_info *model) {
   if (speech_model->needs != NULL) {
     const char *preset = ern_speech_preset(speech_model->needs);

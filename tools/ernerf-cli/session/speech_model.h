@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * Which network hears the sound that a verb is given, where it is not the built-in kind of features that is made of it.
- */
+ * The external speech network that computes speech features from a verb's sound, in place of the built-in kind of
+ * features. */
 #ifndef ERN_CLI_SPEECH_MODEL_H
 #define ERN_CLI_SPEECH_MODEL_H
 
@@ -13,42 +13,46 @@
 
 struct speech_model {
   const char *path;            /* of the network; NULL: none */
-  const char *needs;           /* a preset's name, or the file of a description; NULL: as the model says */
+  const char *needs;           /* name of a preset, or file of a description; NULL: by the model */
   ern_speech_network *network; /* NULL: none, or not open */
   struct progress progress;
-  char beside[4096]; /* of speech_model_file */
+  char beside[4096]; /* room for the result of speech_model_file */
 };
 
 enum { SPEECH_MODEL_OPTIONS = 2 };
 /* --speech-model --speech-preset. */
 void speech_model_options(struct speech_model *speech_model, struct option options[SPEECH_MODEL_OPTIONS]);
 
-/* What does not go together; audio: that of --audio, NULL: none. -1 to go on, else the exit status. */
+/* Refuses options that contradict each other. audio: the value of --audio, NULL: none. Returns -1 to continue, else the
+ * exit status. */
 int speech_model_check(const struct speech_model *speech_model, const struct args *args, const char *audio);
 
-/* The description that is read: that of --speech-preset, else FILE.json beside FILE.onnx; NULL: none. */
+/* The description file that is read: that of --speech-preset, else FILE.json beside FILE.onnx; NULL: none. */
 const char *speech_model_file(struct speech_model *speech_model);
 
-/* The kind of features that a file has by the name that clips give it, and their width; "": its name does not say. */
+/* The kind of features in a file, by its usual name in a clip (such as aud_ds.npy) and their width; "": unknown. */
 const char *speech_model_kind(const char *path, int width);
-/* That of a clip's features: of its sound, or as above. */
+/* The kind of a clip's features: that computed from its sound, else by file name as above. */
 const char *speech_model_clip_kind(const ern_clip *clip);
-/* Whether the model speaks from features of the kind, or one of the two is not known. */
+/* Whether the model takes features of this kind. True also if either kind is unknown. */
 bool speech_model_fits(const ern_model_info *model, const char *kind);
-/* Fails where it does not; name: of the features' file. Returns 0, or EXIT_FAILURE after a message. */
+/* Fails if speech_model_fits is false; name: of the features' file. Returns 0, or EXIT_FAILURE after a message. */
 int speech_model_check_features(struct session *session, const char *model_path, const ern_model_info *model,
                                 const char *name, const char *kind);
 
-/* Opens the network where one is asked for and none is open. model: that will speak, whose kind and network it must be;
- * NULL: none yet. Returns 0, or EXIT_FAILURE after a message. */
+/* Opens the network if one was requested and is not open yet. model: the model to be driven; the network must compute
+ * its kind of features and be the one it was trained with. NULL: no model yet. Returns 0, or EXIT_FAILURE after a
+ * message. */
 int speech_model_open(struct speech_model *speech_model, struct session *session, const char *model_path,
                       const ern_model_info *model);
 void speech_model_close(struct speech_model *speech_model);
 
-/* After a call that heard: session_fail, or session_stop_with where Ctrl-C ended it. */
+/* Reports the failure of a call that computed speech features: session_stop_with if Ctrl-C ended it, else session_fail.
+ */
 int speech_model_fail(struct session *session, ern_status status);
 
-/* What a model asks of --speech-model: ": the network "NAME" with the SHA-256 1234...", or "". */
+/* Describes the network that a model needs as --speech-model: ": the network "NAME" with the SHA-256 1234...", or "".
+ */
 void speech_model_wanted(const ern_model_info *model, char words[192]);
 
 #endif

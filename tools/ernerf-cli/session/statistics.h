@@ -5,7 +5,7 @@
 
 #include <stddef.h>
 
-/* Quartiles of some readings, interpolated between neighbours (the median of an even number: the mean of two). */
+/* Quartiles of repeated readings, interpolated between neighbours (the median of an even number: the mean of two). */
 struct quartiles {
   double low, median, high;
 };

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * ernerf check: what a clip has, what it lacks, what follows. */
+ * ernerf check: reports what a clip contains, what it lacks, and which effects can be trained on it. */
 #include <stdio.h>
 #include <stdlib.h>
 
@@ -32,7 +32,7 @@ static void take_effect(void *user, const char *name, bool there, const char *se
                       json_pack("{s:b, s:o}", "there", there, "sentence", session_text(sentence)));
 }
 
-/* What the clip holds; the measures as numbers go to *measures. */
+/* Measures what the clip contains; *measures: the measures as numbers. */
 static ern_status look_at_effects(struct findings *findings, const char *path, json_t **measures) {
   ern_clip *clip = NULL;
   ern_clip_measures found;

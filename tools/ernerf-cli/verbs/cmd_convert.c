@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * ernerf convert: a model's file into the other form. */
+ * ernerf convert: converts a model's file to the other file format. */
 #include <stdio.h>
 #include <stdlib.h>
 

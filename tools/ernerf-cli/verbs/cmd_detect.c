@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * ernerf detect: whether a video has the watermark of a key. */
+ * ernerf detect: finds out whether a video has the watermark of a key. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -11,7 +11,7 @@
 
 enum { OWN_OPTIONS = 1 };
 
-/* What a search of some successive frames gave. */
+/* Result of a search in consecutive frames. */
 struct window {
   size_t frames;
   double begin; /* seconds from the first frame on */
@@ -22,7 +22,7 @@ struct detect_job {
   struct session session;
   struct watermark watermark;
   const char *video;
-  double seconds; /* of a window; 0: all of the video is one */
+  double seconds; /* duration of a window; 0: the whole video is one window */
   ern_video_reader *reader;
   ern_watermark_detector *detector;
   ern_image frame;
@@ -41,7 +41,7 @@ static int end_window(struct detect_job *job, size_t frames, double begin) {
              : session_fail(&job->session);
 }
 
-/* A rest of less than half a window belongs to none, unless it is all there is. */
+/* A remainder of less than half a window is ignored, unless it is the whole video. */
 static int search(struct detect_job *job) {
   size_t frames = 0;
   double first = NAN, begin = 0, seconds = 0;
@@ -65,7 +65,7 @@ static int search(struct detect_job *job) {
   return is_whole || job->count == 0 ? end_window(job, frames, begin) : 0;
 }
 
-/* The bound of the best window, for as many searches as there were. */
+/* The best window; *false_positive: its bound, corrected for the number of searches. */
 static const struct window *best(const struct detect_job *job, double *false_positive) {
   const struct window *found = &job->windows[0];
   for (size_t i = 1; i < job->count; i++)

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * ernerf eval: a model held against the frames of a clip. */
+ * ernerf eval: compares a model with the recorded frames of a clip. */
 #include <inttypes.h>
 #include <math.h>
 #include <stdio.h>
@@ -20,11 +20,11 @@
 
 enum { OWN_OPTIONS = 5 + SETTING_OPTIONS };
 
-/* Over the frames. */
+/* Sums over the frames. */
 struct totals {
   struct evaluated sum;
   size_t heads, mouths; /* frames that have the region */
-  double turn, move;    /* of fitted poses, sums of pose_fit's */
+  double turn, move;    /* with fitted poses: sums of pose_fit.turn and .move */
 };
 
 struct eval_job {
@@ -35,7 +35,7 @@ struct eval_job {
   struct paper_metrics metrics;
   const char *video, *csv, *sheet; /* NULL: none */
   struct comparison comparison;
-  struct totals own, fitted; /* with the poses of the clip; with poses fitted to the frames */
+  struct totals own, fitted; /* by the clip's poses; by poses fitted to the frames */
   bool refine_poses;
   int setting; /* enum setting */
   json_t *frames;
@@ -69,7 +69,7 @@ static json_t *row_of(const struct source_frame *source_frame, const struct eval
                    region_number(evaluated->mouth, evaluated->has_mouth), "ms", session_number(evaluated->ms));
 }
 
-/* Draws frame k, and evaluates it where there is a recorded frame of it; else its figures are not known. */
+/* Draws frame k, and evaluates it if a recorded frame exists; else its figures are not known. */
 static int evaluate_own(struct eval_job *job, size_t k, struct evaluated *evaluated) {
   if (job->setting != SETTING_SYNCHRONIZATION)
     return evaluate_frame(&job->evaluation, job->portrait.renderer, job->portrait.model, k, evaluated);
@@ -78,7 +78,7 @@ static int evaluate_own(struct eval_job *job, size_t k, struct evaluated *evalua
   return status;
 }
 
-/* Frame k once more, at the pose that the model draws it best at. */
+/* Evaluates frame k again, at the pose at which the model matches it best. */
 static int evaluate_refined(struct eval_job *job, size_t k, json_t *row) {
   struct evaluation *evaluation = &job->evaluation;
   struct evaluated evaluated;
@@ -116,7 +116,7 @@ static void print_figure(double figure, int digits) {
 
 static void print_decibels(double sum, size_t count) { print_figure(count > 0 ? sum / (double)count : NAN, 3); }
 
-/* Of a row of the report; NaN: null. */
+/* A number of a row of the report; NaN: null. */
 static double value_of(const json_t *row, const char *name) {
   const json_t *value = json_object_get(row, name);
   return json_is_number(value) ? json_number_value(value) : NAN;
@@ -146,7 +146,7 @@ static void print_refined(const struct eval_job *job) {
       mean(fitted->turn, n), mean(fitted->move, n));
 }
 
-/* Under the means: half of their 95 % intervals. */
+/* Prints below the means the half-widths of their 95 % confidence intervals. */
 static void print_intervals(const struct eval_job *job) {
   const json_t *frames = job->frames;
   printf("%8s", "95 % +-");
@@ -189,7 +189,7 @@ static void print_table(const struct eval_job *job, uint64_t model_bytes) {
 
 static json_t *region_mean(double sum, size_t count) { return region_number(mean(sum, count), count > 0); }
 
-/* With fitted poses; NULL unless they were asked for. */
+/* Results with fitted poses; NULL unless requested. */
 static json_t *report_refined(const struct eval_job *job) {
   const size_t n = job->evaluation.frame_source.count;
   const struct totals *fitted = &job->fitted;
@@ -200,7 +200,7 @@ static json_t *report_refined(const struct eval_job *job) {
                    session_number(mean(fitted->turn, n)), "moved_mm", session_number(mean(fitted->move, n)));
 }
 
-/* Half of the means' 95 % intervals; null where fewer than two frames have the figure. */
+/* Half-widths of the means' 95 % confidence intervals; null if fewer than two frames have the figure. */
 static json_t *report_intervals(const struct eval_job *job) {
   static const char *const names[] = {"psnr", "ssim", "psnr_head", "psnr_mouth"};
   json_t *made = json_object();
@@ -312,7 +312,7 @@ static void close_all(struct eval_job *job) {
   session_close(&job->session);
 }
 
-/* EXIT_USAGE where words do not go together, else -1. The session learns of the inputs. */
+/* EXIT_USAGE if options contradict each other, else -1. Registers the input files with the session. */
 static int check_words(struct eval_job *job, const struct args *args) {
   struct portrait *portrait = &job->portrait;
   int status = setting_check(&job->setting, args, portrait);

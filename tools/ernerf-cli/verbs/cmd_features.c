@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * ernerf features: speech features of a sound. */
+ * ernerf features: computes the speech features of a sound. */
 #include <stdio.h>
 #include <stdlib.h>
 

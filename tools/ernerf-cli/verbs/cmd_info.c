@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * ernerf info: the contents of a file, or the devices. */
+ * ernerf info: shows the contents of a file, or lists the devices. */
 #include <inttypes.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -88,9 +88,9 @@ static int tune_device(struct session *session) {
 
 struct tensor_list {
   json_t *list;
-  bool state;               /* holds the rest of a training's state */
+  bool state;               /* holds the other values of a training's state */
   bool model;               /* holds tensors of a model */
-  size_t moments, averages; /* tensors of the optimizer's and the average's state */
+  size_t moments, averages; /* number of tensors of the optimizer's state and of the EMA */
   int dims;
   size_t shape[4]; /* of the last one */
 };
@@ -133,12 +133,12 @@ static json_t *effects_of(const ern_model_info *info) {
   return effects;
 }
 
-/* What the file is good for, as the other verbs take it. */
+/* The verbs that accept the file. */
 static json_t *uses_of(const struct tensor_list *tensors, const ern_model_info *info) {
   json_t *uses = json_pack("[s, s]", "render", "eval");
   if (info->has_view && info->backbone == ERN_BACKBONE_TRIHASH && info->attention == ERN_ATTENTION_CHANNEL &&
       info->eye_attention == ERN_EYE_ATTENTION_SIGMOID)
-    json_array_append_new(uses, json_string("convert")); /* PyTorch files hold no other */
+    json_array_append_new(uses, json_string("convert")); /* PyTorch files hold no other effect */
   json_array_append_new(
       uses, json_string(tensors->moments > 0 ? "train --from: goes on at its step" : "train --from: its weights"));
   if (!info->has_torso) json_array_append_new(uses, json_string("train --torso --head"));
@@ -155,7 +155,7 @@ static void print_state(const struct tensor_list *tensors, json_t *uses) {
   printf("\n");
 }
 
-/* A file may hold anything: control characters, which a terminal would obey, are spaces. */
+/* The text may hold anything: control characters, which a terminal would interpret, are printed as spaces. */
 static void print_consent(const char *text) {
   printf("  consent          %s", text[0] != 0 ? "" : "not said");
   for (const unsigned char *at = (const unsigned char *)text; *at != 0; at++) {
@@ -192,14 +192,15 @@ static void print_model(const char *path, const char *kind, const ern_model_info
   free(list);
 }
 
-/* How it is seen unless the command line says otherwise; said: by the file, else these are the defaults. */
+/* Camera settings that other verbs use by default; said: whether the file has them, else these are the library's
+ * defaults. */
 static json_t *view_json(const ern_model_info *info) {
   return json_pack("{s:b, s:f, s:f, s:i, s:f, s:s}", "said", info->has_view_settings, "scale", (double)info->scale,
                    "dt_gamma", (double)info->dt_gamma, "max_steps", info->max_steps, "torso_shrink",
                    (double)info->torso_shrink, "audio_pad", ern_audio_pad_name(info->audio_pad));
 }
 
-/* Tensors that make no model. */
+/* Lists tensors that are not a model. */
 static int describe_tensors(struct session *session, const char *path, json_t *list) {
   if (!session_json_on_stdout(session)) {
     printf("%s: tensors of another program\n  use it for       convert\n", path);
@@ -254,7 +255,7 @@ static const char *features_kind(int width) {
   return width == 29 ? "deepspeech" : width == 44 ? "wav2vec" : width == 1024 ? "hubert" : "unknown";
 }
 
-/* An array that has the shape of speech features must be some; any other is listed alone. */
+/* An array with the shape of speech features is checked as such; any other is only listed. */
 static int describe_array(struct session *session, const char *path) {
   struct tensor_list tensors = {.list = json_array()};
   ern_features features = {0};

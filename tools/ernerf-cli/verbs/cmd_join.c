@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * ernerf join: videos of successive frames, as `render --frames A:B` writes them, to one. */
+ * ernerf join: joins videos of successive frames, as `render --frames A:B` writes them, to one video. */
 #include <dirent.h>
 #include <jansson.h>
 #include <stdio.h>
@@ -15,10 +15,10 @@ enum { OWN_OPTIONS = 3, PATH_BYTES = 4096 };
 struct join_job {
   struct session session;
   const char *folder, *out, *wav;
-  double start; /* seconds into the sound; below 0: as the first segment says */
+  double start; /* start in the sound, seconds; below 0: by the first segment's provenance file */
   char **segments;
   size_t count;
-  json_t *says; /* [count] of the file beside each (provenance_read), null: there is none */
+  json_t *says; /* [count] provenance file of each segment (provenance_read), null: none */
   ern_sound sound;
   struct provenance provenance;
 };
@@ -35,7 +35,7 @@ static int add_segment(struct join_job *job, const char *name) {
   return job->segments[job->count++] != NULL ? 0 : session_fail_with(&job->session, "no memory");
 }
 
-/* The videos of the folder, by name. */
+/* Lists the videos of the folder, sorted by name. */
 static int list_segments(struct join_job *job) {
   DIR *list = opendir(job->folder);
   int status = list != NULL ? 0 : session_fail_with(&job->session, "%s: is no folder that can be read", job->folder);
@@ -51,7 +51,7 @@ static int list_segments(struct join_job *job) {
   return status;
 }
 
-/* What the files beside the segments say. The whole has one too where a segment has one. */
+/* Reads the provenance files of the segments. The joined video gets one if any segment has one. */
 static int read_says(struct join_job *job) {
   job->says = json_array();
   job->provenance.off = true;
@@ -64,11 +64,11 @@ static int read_says(struct join_job *job) {
   return 0;
 }
 
-/* By what render has written beside a segment its frames are [*first, *end). False: it has not. */
+/* Reads the frame range [*first, *end) of a segment from its provenance file. False: not there. */
 static bool frames_of(const json_t *about, json_int_t *first, json_int_t *end, double *rate) {
   const json_t *from = json_object_get(about, "first_frame"), *count = json_object_get(about, "frames");
   const char *words = json_string_value(json_object_get(about, "rate"));
-  const json_int_t most = 1000000000; /* the file may say anything, and places and counts are added up */
+  const json_int_t most = 1000000000; /* the file may hold any number, and numbers are added below */
   double whole = 0, part = 1;
   *first = json_integer_value(from);
   *end = *first;
@@ -80,7 +80,7 @@ static bool frames_of(const json_t *about, json_int_t *first, json_int_t *end, d
   return known;
 }
 
-/* That no frame is missing and none comes twice, as far as the files beside the segments say. */
+/* Checks that no frame is missing or repeated, as far as the provenance files tell. */
 static int check_frames(struct join_job *job) {
   json_int_t first = 0, end = 0, before = 0;
   double rate = 0;
@@ -101,7 +101,7 @@ static int check_frames(struct join_job *job) {
   return 0;
 }
 
-/* Of the whole, beside what the files beside the segments say. */
+/* Members of the joined video's provenance file, in addition to those of the segments. */
 static json_t *about_output(const struct join_job *job) {
   const char *slash = strrchr(job->out, '/');
   json_int_t first = 0, end = 0, frames = 0, begin = 0;

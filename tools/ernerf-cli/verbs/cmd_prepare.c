@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * ernerf prepare: from a video to a clip. */
+ * ernerf prepare: makes a clip from a video. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -11,9 +11,9 @@
 struct prepare_job {
   struct session session;
   struct progress progress;
-  const char *step; /* whose progress is shown */
+  const char *step; /* the step whose progress is shown */
   ern_prepare_options options;
-  float from, to, focal; /* as the command line has them */
+  float from, to, focal; /* values of the command line */
   int only;
   const char *video, *folder;
 };
@@ -32,7 +32,7 @@ static int say_progress(void *user, const char *step, size_t done, size_t total)
   return session_interrupted();
 }
 
-/* Says each verdict, and hands them over for --json; NULL without memory. */
+/* Prints each verdict, and returns them for --json; NULL without memory. */
 static json_t *print_verdicts(struct session *session, const ern_prepare_result *result) {
   static const char *const grades[] = {"good", "doubtful", "refused"};
   json_t *list = json_array();
@@ -79,7 +79,7 @@ static int make(struct prepare_job *job) {
     json_decref(verdicts);
     return session_fail(session);
   }
-  char left[64] = ""; /* holds the names of all */
+  char left[64] = ""; /* large enough for all names */
   for (size_t i = 0, used = 0; i < ERN_PREPARE_STEPS; i++)
     if (result.verdicts[i].step == NULL)
       used += (size_t)snprintf(left + used, sizeof left - used, "%s%s", used > 0 ? ", " : "", steps[i]);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * ernerf render: a model, speech and head poses to a video or pictures. */
+ * ernerf render: renders a video or pictures from a model, speech and head poses. */
 #include <inttypes.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -20,9 +20,8 @@
 #include "session/silence_pose.h"
 #include "verbs.h"
 
-/* PICTURE_BYTES: torso pictures that stay in memory, without --memory: none. They are read ahead, and seldom come
- * twice.
- */
+/* PICTURE_BYTES: memory for the clip's torso pictures without --memory: practically none. They are read in advance, and
+ * seldom used twice. */
 enum { AUDIO_WINDOWS = 8, OWN_OPTIONS = 10, PICTURE_BYTES = 1 };
 
 struct render_job {
@@ -49,8 +48,8 @@ struct render_job {
   ern_sound sound;
   double sound_start; /* seconds */
   float *windows;
-  uint8_t *look;          /* [height][width][4]: the rate control's quick look; NULL without one */
-  ern_frame_times stages; /* of drawing, milliseconds, summed over the frames */
+  uint8_t *look;          /* [height][width][4]: for the rate control's calibration; NULL: none */
+  ern_frame_times stages; /* drawing time by stage, milliseconds, summed over the frames */
 };
 
 /* ---- words ------------------------------------------------------------------------------------------------------- */
@@ -117,7 +116,7 @@ static void own_options(struct render_job *job, struct option options[OWN_OPTION
   ARGS_FILL(options, rows, OWN_OPTIONS);
 }
 
-/* What does not go together. */
+/* Refuses options that contradict each other. */
 static int check_usage(struct render_job *job, const struct args *args) {
   const bool clip = job->portrait.source.path != NULL, poses = job->poses != NULL;
   if (clip == poses)
@@ -185,14 +184,14 @@ static int open_features(struct render_job *job) {
   } else {
     job->features = ern_clip_features(job->portrait.clip);
   }
-  speech_model_close(&job->portrait.source.speech_model); /* its memory is that of the frames */
+  speech_model_close(&job->portrait.source.speech_model); /* frees its memory for the frames */
   if (ern_renderer_accepts(job->portrait.renderer, job->features, name) != ERN_OK) return session_fail(session);
   job->windows = malloc((size_t)AUDIO_WINDOWS * (size_t)job->features->window_length * (size_t)job->features->width *
                         sizeof(float));
   return job->windows != NULL ? 0 : session_fail_with(session, "no memory for windows of %s", name);
 }
 
-/* The sound belongs to the pictures as long as they are consecutive. */
+/* Sound can only be added if the pictures are consecutive. */
 static void check_consecutive(struct render_job *job) {
   const struct source_frame *source_frame = job->frame_source.source_frame;
   for (size_t k = 1; k < job->frame_source.count; k++) {
@@ -306,7 +305,7 @@ static int fail_frame(struct render_job *job, size_t k) {
                            job->frame_source.source_frame[k].number, ern_last_error(job->session.context));
 }
 
-/* For the rate control's quick look: without the clip's torso picture, which takes the same time with all settings. */
+/* For the rate control's calibration: without the clip's torso picture, which takes the same time with all settings. */
 static int draw_look(void *user, ern_renderer *renderer, size_t k, float *rgb) {
   struct render_job *job = user;
   const ern_frame_output output = {.rgba = job->look, .rgb = rgb};
@@ -342,7 +341,7 @@ static int draw(struct render_job *job, size_t k) {
   return 0;
 }
 
-/* Recorded pictures are in the output where the clip's torso is, or a background that is no single colour. */
+/* The output contains recorded pictures if it shows the clip's torso, or a background that is not a single colour. */
 static int learn_provenance(struct render_job *job) {
   const char *behind = job->background_file;
   const bool one_colour =
@@ -384,7 +383,7 @@ static int open_all(struct render_job *job, const struct args *args) {
                    job->sound.data != NULL ? &job->sound : NULL, job->sound_start, provenance_of(&job->provenance));
 }
 
-/* Of a frame; reading and encoding go on beside the others. */
+/* Mean times of a frame by stage; reading and encoding run in parallel with the others. */
 static json_t *report_stages(const struct render_job *job) {
   const ern_frame_times *draw = &job->stages;
   const double frames = (double)job->frame_source.count;
@@ -411,7 +410,7 @@ static json_t *report(const struct render_job *job, double seconds) {
                    job->session.backend_info.isa, "rate_control", rate_control, "ray_reuse", ray_reuse);
 }
 
-/* Those of every frame, or of the rate control with the number of frames that each drew. */
+/* The settings of all frames; with rate control, each setting with the number of frames that it drew. */
 static json_t *settings_used(const struct render_job *job) {
   const ern_render_options *render = &job->portrait.render;
   const ern_backend_info *backend = &job->session.backend_info;
@@ -429,7 +428,7 @@ static json_t *settings_used(const struct render_job *job) {
   return settings_json(&settings);
 }
 
-/* What the file beside the output says of it. Rendering has no random numbers, so no seed. */
+/* Content of the provenance file. Rendering uses no random numbers, so there is no seed. */
 static json_t *about_output(const struct render_job *job) {
   const struct source_frame *first = job->frame_source.source_frame;
   const char *slash = strrchr(job->out, '/');

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * ernerf train: a head, or the torso for it, from a preprocessed clip. */
+ * ernerf train: trains a head, or the torso for it, on a preprocessed clip. */
 #include <inttypes.h>
 #include <math.h>
 #include <stdio.h>
@@ -62,14 +62,15 @@ static int check_usage(struct train_job *job, const struct args *args) {
 
 /* ---- opening ----------------------------------------------------------------------------------------------------- */
 
-/* The effects that the clip calls for, or those of --from, or what was asked for where the clip can teach it. */
+/* Chooses the effects: those that the clip calls for, or those of --from, or those of --effects if the clip has data to
+ * train them. */
 static int choose_effects(struct train_job *job) {
   const bool chosen = asks_auto(job);
   struct effects *effects = &job->effects;
   ern_clip_measures measures;
   if (chosen && job->has_from && !job->config.torso) {
     bool layer = job->clip_info.has_torso && (!job->state.has_settings || job->state.torso_layer);
-    if (layer && !job->has_state) { /* no model file says it, so the clip does */
+    if (layer && !job->has_state) { /* the clip decides, as no model file tells it */
       if (ern_clip_measure(job->clip, &measures) != ERN_OK) return session_fail(&job->session);
       effects_choose(&measures, effects);
       layer = effects->has[EFFECT_TORSO];
@@ -99,7 +100,7 @@ static int choose_effects(struct train_job *job) {
   return 0;
 }
 
-/* A head models what it was chosen to; a torso goes under a head as it is. */
+/* Puts the effects into the configuration of a head; a torso adopts those of its head. */
 static void take_effects(struct train_job *job, const struct args *args, ern_dataset *dataset) {
   const bool *has = job->effects.has;
   if (job->config.torso) return;
@@ -112,7 +113,7 @@ static void take_effects(struct train_job *job, const struct args *args, ern_dat
   job->effects.has[EFFECT_CODES] = job->config.codes != 0;
 }
 
-/* The public code's schedule of the coarse stage; iters and rays are the defaults. */
+/* The schedule of the public code for the coarse stage; iters and rays are the defaults. */
 static void follow_paper(const struct args *args, ern_train_config *config) {
   if (!args_given(args, "refresh-every")) config->refresh_every = 16;
   if (!args_given(args, "ray-sampling")) config->ray_sampling = ERN_RAY_SAMPLING_UNIFORM;
@@ -120,7 +121,7 @@ static void follow_paper(const struct args *args, ern_train_config *config) {
   if (!args_given(args, "head-background")) config->head_random_background = false;
 }
 
-/* What a time is best spent on (docs/history-small-steps.md), where no option says it. */
+/* With --time, the best settings for a limited time (docs/history-small-steps.md) for options that were not given. */
 static void choose_timed(const struct train_job *job, const struct args *args, ern_train_config *config) {
   const bool at_once = job->session.backend_choice == SESSION_OPENCL || job->distributed.world.communicator.size > 1;
   if (!args_given(args, "rays")) config->rays = at_once || config->torso ? TIMED_RAYS_AT_ONCE : TIMED_RAYS;
@@ -133,7 +134,7 @@ static void choose_timed(const struct train_job *job, const struct args *args, e
   if (!args_given(args, "refine-poses") && !args_given(args, "no-refine-poses")) config->refine_poses = true;
 }
 
-/* As many as the processes can share, where no option says it. */
+/* With several processes and without the option, divides a step into enough parts for all of them. */
 static void choose_parts(struct train_job *job, const struct args *args) {
   enum { PARTS = 4 };
   ern_train_config *config = &job->config;
@@ -178,7 +179,7 @@ static void fill_config(struct train_job *job, const struct args *args) {
     const size_t frames = job->clip_info.frames[ERN_SPLIT_TRAIN];
     inherit_model(args, &job->from, !asks_auto(job), config);
     if (config->from != NULL && !args_given(args, "ind_num") && config->codes > 0 && (size_t)config->codes < frames)
-      config->codes = (int)frames; /* a longer clip */
+      config->codes = (int)frames; /* has more frames */
     inherit_view(args, &job->from, job->from.has_torso || job->has_state, config, &job->scale);
   }
   if (job->head != NULL) inherit_head(args, job->head, config, &job->scale);
@@ -192,7 +193,7 @@ static void fill_config(struct train_job *job, const struct args *args) {
 
 static int open_clip(struct train_job *job, const struct args *args) {
   const int opened = clip_source_open(&job->source, &job->session, &job->clip);
-  speech_model_close(&job->source.speech_model); /* its memory is that of the training */
+  speech_model_close(&job->source.speech_model); /* frees its memory for the training */
   if (opened != 0) return EXIT_FAILURE;
   ern_clip_describe(job->clip, &job->clip_info);
   const char *earlier = job->config.from != NULL ? job->config.from : job->config.output;
@@ -226,7 +227,7 @@ static void say_length(struct train_job *job) {
                  "train: a preview: the mouth moves, and details are soft; some 5 min make them sharper");
 }
 
-/* What will be learnt from what, and where it goes. */
+/* Prints what is trained, on which data, and the output file. */
 static void say_plan(struct train_job *job) {
   const ern_communicator *communicator = &job->distributed.world.communicator;
   const int each = job->config.rays / communicator->size;
@@ -259,7 +260,7 @@ static void say_plan(struct train_job *job) {
   say_length(job);
 }
 
-/* What the file of --from is like: a training that goes on from it is the same. */
+/* Reads the description of the --from file: its training settings are adopted. */
 static int describe_from(struct train_job *job) {
   ern_model *model = NULL;
   if (ern_model_load(&model, job->session.context, job->config.from) != ERN_OK) return EXIT_FAILURE;
@@ -269,7 +270,8 @@ static int describe_from(struct train_job *job) {
   return 0;
 }
 
-/* What the training goes on from, and the network that hears its sound: the same one, where that is not said. */
+/* Describes the model or state that the training continues, and selects its speech network unless an option selects
+ * one. */
 static int open_earlier(struct train_job *job) {
   struct session *session = &job->session;
   struct speech_model *speech_model = &job->source.speech_model;
@@ -278,7 +280,7 @@ static int open_earlier(struct train_job *job) {
   if (job->head_path != NULL && ern_model_load(&job->head, session->context, job->head_path) != ERN_OK)
     return session_fail(session);
   if (job->config.from != NULL && describe_from(job) != 0) return session_fail(session);
-  /* A state that cannot be read, or of the other kind, is told of when it is resumed. */
+  /* A state that is unreadable or of the other kind is reported when it is resumed. */
   if (job->config.resume && ern_train_state_describe(session->context, job->config.output, &state, &model) == ERN_OK &&
       state.torso == job->config.torso) {
     job->state = state;
@@ -380,7 +382,7 @@ static int run(struct train_job *job) {
   progress_end(&job->progress);
   if (status != ERN_OK && session->rank == 0) validations_take_back(&job->validations);
   if (status == ERN_E_CANCELLED && session_interrupted()) {
-    ern_train_report end; /* a step further than the last progress where a validation was stopped */
+    ern_train_report end; /* one step after the last progress report if a validation was interrupted */
     ern_trainer_describe(job->trainer, &end);
     return session_stop_with(session,
                              "stopped after step %" PRIu64 " of %" PRIu64 "; the state is saved, --resume goes on",
@@ -413,7 +415,7 @@ static int train(struct train_job *job, const struct args *args) {
   return status;
 }
 
-/* With --time: the head, then the torso for it, where the clip has one, in the rest of the time. */
+/* With --time: trains the head and then, if the clip has a torso, the torso in the remaining time. */
 static int train_portrait(struct train_job *job, const struct args *args) {
   const ern_train_config asked = job->config;
   int status = head_and_torso_check(job);
@@ -457,7 +459,7 @@ int cmd_train(int argc, char **argv) {
   int status = args_parse(&args, argc, argv);
   if (status < 0) status = check_usage(&job, &args);
   if (status < 0) status = speech_model_check(&job.source.speech_model, &args, job.source.features);
-  job.session.rewrites = true; /* X.run; the trainer looks after X */
+  job.session.rewrites = true; /* concerns X.run; the trainer protects X itself */
   const char *const inputs[] = {
       job.source.path,          job.source.features,          job.head_path,
       job.config.from,          job.source.speech_model.path, speech_model_file(&job.source.speech_model),

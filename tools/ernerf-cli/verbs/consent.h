@@ -6,8 +6,8 @@
 #include "ernerf/model.h"
 #include "session/session.h"
 
-/* text = the file `asked` without blanks at its end where one is there, else `asked` itself. Returns 0, or EXIT_FAILURE
- * after a message: a file that is empty, or has more than ERN_CONSENT_BYTES allows. */
+/* If `asked` names a file, text is its content without trailing white space; else text is `asked` itself. Returns 0, or
+ * EXIT_FAILURE after a message: the file is empty, or longer than ERN_CONSENT_BYTES allows. */
 int consent_read(struct session *session, const char *asked, char text[ERN_CONSENT_BYTES]);
 
 #endif

@@ -8,8 +8,8 @@
 #define TEXT_OF(x) #x
 #define SONAME(major) "libernerf-mpi.so." TEXT_OF(major)
 
-/* What launchers leave in the environment of each process that they start, and the number of processes where they say
- * it. One process needs no MPI. */
+/* Checks environment variables that launchers set in each process, and the number of processes if it is among them. A
+ * single process needs no MPI. */
 static bool was_launched_with_others(void) {
   static const char *const names[] = {"OMPI_COMM_WORLD_SIZE", "PMI_RANK", "PMI_SIZE", "PMIX_RANK"};
   static const char *const counts[] = {"OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "SLURM_STEP_NUM_TASKS"};
@@ -20,7 +20,7 @@ static bool was_launched_with_others(void) {
   return launched;
 }
 
-/* MPI's own modules look for its symbols among those of the program. */
+/* RTLD_GLOBAL: MPI's own modules resolve its symbols in the program's global scope. */
 static int load(struct distributed *distributed, struct session *session) {
   static const char file[] = SONAME(ERN_VERSION_MAJOR);
   distributed->library = dlopen(file, RTLD_NOW | RTLD_GLOBAL | RTLD_NODELETE);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * The other processes that mpirun started beside this one: libernerf-mpi, loaded where there are any. */
+ * Training by several processes that mpirun started. libernerf-mpi is loaded only if there is more than one process. */
 #ifndef ERN_CLI_DISTRIBUTED_H
 #define ERN_CLI_DISTRIBUTED_H
 
@@ -9,17 +9,17 @@
 struct distributed {
   void *library;
   const struct ern_mpi *functions; /* NULL: this process is alone */
-  struct ern_mpi_world world;      /* communicator.size 1 then */
+  struct ern_mpi_world world;      /* if alone, communicator.size is 1 */
 };
 
-/* Where Open MPI, MPICH, or another launcher by PMI or PMIx started the program: waits for the others. Processes of
- * other ranks than 0 say errors alone from then on. Returns 0, or EXIT_FAILURE after a message. */
+/* Waits for the other processes if Open MPI, MPICH, or another launcher with PMI or PMIx started the program. From then
+ * on, processes of ranks above 0 print errors only. Returns 0, or EXIT_FAILURE after a message. */
 int distributed_open(struct distributed *distributed, struct session *session);
-/* With --backend opencl the processes of a machine take its devices in turn. Returns as above. */
+/* With --backend opencl, assigns the OpenCL devices of a machine to its processes in turn. Returns as above. */
 int distributed_choose_device(const struct distributed *distributed, struct session *session);
 /* NULL where this process is alone. */
 const ern_communicator *distributed_communicator(const struct distributed *distributed);
-/* After a failure the others are ended too, once they had the time to save. */
+/* After a failure (status not 0) also ends the other processes, once they have had time to save. */
 void distributed_close(struct distributed *distributed, int status);
 
 #endif

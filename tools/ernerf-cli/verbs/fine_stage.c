@@ -7,8 +7,8 @@
 enum { STAGE_COARSE, STAGE_FINE };
 enum { LOSS_SSIM, LOSS_LPIPS };
 
-static const double timed_share = 0.2;            /* of the head's time */
-static const float published_lips_weight = 0.01f; /* of LPIPS */
+static const double timed_share = 0.2;            /* share of the head's time */
+static const float published_lips_weight = 0.01f; /* weight of LPIPS on the lips */
 
 void fine_stage_options(struct fine_stage *fine, ern_train_config *config, struct option options[FINE_STAGE_OPTIONS]) {
   *fine = (struct fine_stage){.stage = STAGE_COARSE};

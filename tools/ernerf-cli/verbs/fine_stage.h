@@ -1,28 +1,29 @@
 /* SPDX-License-Identifier: MIT
- * The fine stage of a head's training, as the command line of `train` has it. */
+ * The options of `train` for the fine stage of a head's training. */
 #ifndef ERN_CLI_FINE_STAGE_H
 #define ERN_CLI_FINE_STAGE_H
 
 #include "session/lpips_weights.h"
 
 struct fine_stage {
-  int stage, loss; /* places among the words of --stage and --fine-loss */
+  int stage, loss; /* indices into the choices of --stage and --fine-loss */
   struct lpips_weights weights;
-  ern_fine_loss function; /* of the weights, once they are open */
+  ern_fine_loss function; /* the loss function by `weights`, once they are open */
 };
 
 #define FINE_STAGE_NAMES "stage fine-steps patch-size fine-weight fine-lips-weight fine-loss lpips-network lpips-heads"
 enum { FINE_STAGE_OPTIONS = 6 + LPIPS_OPTIONS };
 void fine_stage_options(struct fine_stage *fine, ern_train_config *config, struct option options[FINE_STAGE_OPTIONS]);
-/* EXIT_USAGE where the words do not go together; else -1. */
+/* EXIT_USAGE after a message if options contradict each other; else -1. */
 int fine_stage_check(const struct fine_stage *fine, const struct args *args, const ern_train_config *config,
                      bool paper);
-/* With --paper and the loss of the paper: the last fifth of the steps, of 125,000 where --iters does not say. */
+/* With --paper and the paper's loss: the fine stage is the last fifth of the steps; without --iters these are 125,000.
+ */
 void fine_stage_follow_paper(const struct fine_stage *fine, const struct args *args, ern_train_config *config);
-/* Sets what `config` has of it, in which inherit_state has put what the training to resume has. */
+/* Sets the fine stage in `config`. In a resumed training, inherit_state has already set the saved values there. */
 void fine_stage_choose(const struct fine_stage *fine, const struct args *args, bool resumed, ern_train_config *config);
-/* Where words are about a fine stage that the training to resume does not have, or is in and does not leave: a message
- * and its exit status; else 0. */
+/* Returns an exit status after a message if options concern a fine stage that the resumed training does not have, or
+ * one that it is in and cannot leave; else 0. */
 int fine_stage_check_resumed(const struct args *args, struct session *session, const ern_train_state *state,
                              const struct fine_stage *fine, const ern_train_config *config);
 /* Reads the weights of --fine-loss lpips. Returns 0, or EXIT_FAILURE after a message. */

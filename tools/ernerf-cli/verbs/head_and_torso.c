@@ -8,7 +8,7 @@
 #include <string.h>
 #include <unistd.h>
 
-/* A torso that has begun goes on under the head that it began under, which is done and stays as it is. */
+/* Resumes a torso only below the same head that it was begun with; that head is finished and is not changed. */
 static int resume_torso(struct train_job *job, const ern_train_state *head, const ern_model_info *under) {
   struct session *session = &job->session;
   const bool same = head->step > 0 && head->step >= head->iters && under->head_steps == head->step;
@@ -35,7 +35,7 @@ static int resume_torso(struct train_job *job, const ern_train_state *head, cons
                            job->portrait, trained, head->budget > 0 ? "that time, " : "");
 }
 
-/* The head goes on, unless it is alone and has X to itself, or there is none yet. */
+/* Resumes the head's training, unless X is the training of a head alone or the head has no state yet. */
 static int resume_portrait(struct train_job *job) {
   struct session *session = &job->session;
   ern_train_state head = {0}, torso = {0};
@@ -51,7 +51,7 @@ static int resume_portrait(struct train_job *job) {
   job->head_alone = found == ERN_OK && !torso.torso;
   if (job->head_alone) return 0;
   if (head_found != ERN_E_MISSING) job->config.output = job->head_output;
-  if (head_found != ERN_OK && head_found != ERN_E_MISSING) return 0; /* that is told when it is resumed */
+  if (head_found != ERN_OK && head_found != ERN_E_MISSING) return 0; /* reported when it is resumed */
   return found == ERN_OK ? resume_torso(job, &head, &under) : 0;
 }
 
@@ -59,7 +59,7 @@ int head_and_torso_check(struct train_job *job) {
   struct session *session = &job->session;
   const char *output = job->config.output;
   const size_t stem = strlen(output) - strlen(".safetensors"), bytes = stem + sizeof ".head.safetensors";
-  char folder[4096]; /* session_check_training has seen that the name fits */
+  char folder[4096]; /* session_check_training has checked that the name fits */
   job->portrait = output;
   job->head_output = malloc(bytes);
   if (job->head_output == NULL) return session_fail_with(session, "out of memory");
@@ -96,7 +96,7 @@ void head_and_torso_turn(struct train_job *job, const ern_train_config *asked) {
   job->config.frames_per_step = 1; /* the option is the head's, as --precision is */
   job->head_path = job->head_output;
   job->seconds *= 1 - HEAD_SHARE;
-  job->source.speech_model.needs = NULL; /* the head says it */
+  job->source.speech_model.needs = NULL; /* the head's file decides */
   job->has_from = job->has_state;
   job->stepped = false;
 }

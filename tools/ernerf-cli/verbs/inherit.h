@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * What an earlier training was like, for one that goes on from it where the command line does not say otherwise. */
+ * Copies settings of an earlier training into a training that continues it. Options of the command line take
+ * precedence. */
 #ifndef ERN_CLI_INHERIT_H
 #define ERN_CLI_INHERIT_H
 
@@ -8,25 +9,26 @@
 #include "ernerf/train.h"
 #include "session/session.h"
 
-/* What the model is made of. chosen: --effects says whether there are codes. */
+/* Copies the architecture of the model. chosen: --effects decides whether the model has codes. */
 void inherit_model(const struct args *args, const ern_model_info *model, bool chosen, ern_train_config *config);
 
-/* How the model is seen, where it says so; torso: its torso too. */
+/* Copies the camera settings of the model where its file has them; torso: those of its torso too. */
 void inherit_view(const struct args *args, const ern_model_info *model, bool torso, ern_train_config *config,
                   float *scale);
 
-/* How the head that a torso goes under is seen. */
+/* Copies the camera settings of the head below which a torso is trained. */
 void inherit_head(const struct args *args, const ern_model *head, ern_train_config *config, float *scale);
 
-/* Steps, rates, rays, seed, intervals and frames of the state that is resumed. */
+/* Copies steps, learning rates, rays, seed, intervals and frames from the resumed state. */
 void inherit_state(const struct args *args, const ern_train_state *state, const ern_model_info *model,
                    ern_train_config *config);
 
-/* Fails where the clip has fewer training frames than the state that is resumed was trained on. */
+/* Fails if the clip has fewer training frames than the resumed state was trained on. */
 int inherit_frames(const struct args *args, struct session *session, const ern_train_state *state,
                    const char *model_path, const char *clip_path, size_t frames);
 
-/* Fails where the clip's features are of another kind than those of `head`, else of `from`; NULL: there is none. */
+/* Fails if the kind of the clip's speech features differs from that of `head`, or, if head is NULL, from that of
+ * `from`. NULL: there is none. */
 int inherit_speech(struct session *session, const ern_model *head, const char *head_path, const ern_model_info *from,
                    const char *from_path, const ern_clip *clip);
 

@@ -6,9 +6,9 @@
 
 enum { MOST_COPIES = 16 };
 
-/* Found by trying (docs/history-small-steps.md): a short speech is overfitted, which copies that differ more, and noise
- * reduce. With a long one they cost accuracy. */
-enum { SHORT_FRAMES = 1000 }; /* of training, 40 s */
+/* Found by experiment (docs/history-small-steps.md): training overfits a short speech; stronger copies and noise reduce
+ * this. With a long speech they cost accuracy. */
+enum { SHORT_FRAMES = 1000 }; /* training frames, 40 s */
 static const struct speech_augmentation of_long = {.copies = 4, .range = {0.85f, 1.17f}, .share = 0.5f},
                                         of_short = {.copies = 8, .range = {0.75f, 1.3f}, .share = 0.9f, .noise = 0.7f};
 
@@ -48,7 +48,7 @@ void speech_augmentation_options(struct speech_augmentation *speech,
   ARGS_FILL(options, rows, SPEECH_AUGMENTATION_OPTIONS);
 }
 
-/* What no option says. */
+/* Chooses the values for options that were not given. */
 static void choose(struct speech_augmentation *speech, const struct args *args, bool published,
                    const ern_clip_info *info) {
   const struct speech_augmentation *chosen = info->frames[ERN_SPLIT_TRAIN] < SHORT_FRAMES ? &of_short : &of_long;

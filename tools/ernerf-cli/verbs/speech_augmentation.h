@@ -9,8 +9,8 @@
 struct speech_augmentation {
   /* from the command line */
   int copies;        /* 0: none */
-  struct pair range; /* of the frequencies' factor */
-  float share;       /* of the steps that use a copy */
+  struct pair range; /* of the factor that scales the frequencies */
+  float share;       /* share of the steps that train on a copy */
   float noise;       /* ern_dataset.speech_noise */
 };
 
@@ -20,9 +20,9 @@ enum { SPEECH_AUGMENTATION_OPTIONS = 4 };
 void speech_augmentation_options(struct speech_augmentation *speech,
                                  struct option options[SPEECH_AUGMENTATION_OPTIONS]);
 
-/* Makes the copies where the clip's features are made of a sound, else none: with a sentence where they were asked for.
- * What was not asked for is chosen by the clip's length, or is none where `published`.
- * Returns 0, or EXIT_FAILURE after a message. */
+/* Makes the copies if the clip's features are computed from a sound. Otherwise makes none, with a message if they were
+ * requested. Options that were not given depend on the clip's length; where `published`, they are off. Returns 0, or
+ * EXIT_FAILURE after a message. */
 int speech_augmentation_make(struct speech_augmentation *speech, struct session *session, const struct args *args,
                              bool published, ern_clip *clip);
 

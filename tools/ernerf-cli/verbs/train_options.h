@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * What a call of `ernerf train` is about, and its options. */
+ * The data of one call of `ernerf train`, and its options. */
 #ifndef ERN_CLI_TRAIN_OPTIONS_H
 #define ERN_CLI_TRAIN_OPTIONS_H
 
@@ -26,27 +26,27 @@ struct train_job {
   struct distributed distributed;
   ern_train_config config;
   struct clip_source source;
-  const char *head_path, *effects_list, *consent; /* consent: as asked, text or file */
+  const char *head_path, *effects_list, *consent; /* consent: the text, or the name of its file */
   char consent_text[ERN_CONSENT_BYTES];
   double seconds;       /* of --time, 0: none */
   const char *portrait; /* with --time: --output */
-  char *head_output;    /* where the head goes whose torso goes to that */
-  double head_seconds;  /* of a head that is done, and stays as it is; 0: its share */
-  bool head_alone;      /* a head that has --output to itself is resumed */
-  bool torso_anew;      /* what the torso could be resumed from is of another head */
-  bool torso_follows;   /* the head is trained, and its torso will be, or is */
+  char *head_output;    /* with --time: the file of the head; its torso goes to --output */
+  double head_seconds;  /* training time of a finished head, which is not changed; 0: HEAD_SHARE of `seconds` */
+  bool head_alone;      /* the resumed training is of a head alone, written to --output */
+  bool torso_anew;      /* the saved torso belongs to another head: the torso starts anew */
+  bool torso_follows;   /* this call trains a head and its torso */
   bool paper;
   struct speech_augmentation speech;
   struct validations validations;
-  struct effects effects; /* of the head; the torso's is whether its layer lies behind the head */
+  struct effects effects; /* of the head; EFFECT_TORSO: whether a torso layer lies behind it */
   uint64_t save_every, validate_every, ema_every, refresh_every, iters;
   struct range data;
   float scale;
   int audio_pad, backbone, attention, eye_attention, precision, ray_sampling, head_background,
-      torso_background; /* places among the words of their options */
+      torso_background; /* indices into the choices of their options */
   struct fine_stage fine;
-  ern_model_info from;   /* of --from, or of the state that is resumed */
-  ern_train_state state; /* that is resumed */
+  ern_model_info from;   /* of --from, or of the resumed state */
+  ern_train_state state; /* the resumed one */
   bool has_from, has_state;
   /* made */
   ern_clip *clip;
@@ -55,13 +55,13 @@ struct train_job {
   ern_trainer *trainer;
   struct progress progress;
   struct forecast forecast;
-  ern_train_report last; /* the newest one */
-  bool stepped;          /* there is one */
+  ern_train_report last; /* the newest report */
+  bool stepped;          /* `last` is set */
 };
 
 void train_set_defaults(struct train_job *job);
 
-/* What is trained and where to, how, and of which clip. */
+/* Options in three groups: what to train and where to write it; numbers of the training; the clip. */
 void train_goal_options(struct train_job *job, struct option options[TRAIN_GOAL_OPTIONS]);
 void train_number_options(struct train_job *job, struct option options[TRAIN_NUMBER_OPTIONS]);
 void train_clip_options(struct train_job *job, struct option options[TRAIN_CLIP_OPTIONS]);

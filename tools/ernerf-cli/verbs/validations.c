@@ -17,7 +17,7 @@ static const char table_name[] = "measures.csv",
                       "seam\n";
 enum { LINE_BYTES = 256, PATH_BYTES = 4096 };
 
-/* Lines of growing steps up to `step`. */
+/* Reads lines with increasing steps up to `step`. */
 static bool read_lines(struct bytes *table, FILE *file, uint64_t step) {
   char line[LINE_BYTES];
   uint64_t last = 0;
@@ -33,8 +33,7 @@ static bool read_lines(struct bytes *table, FILE *file, uint64_t step) {
   return ferror(file) == 0;
 }
 
-/* NULL where there is none; *foreign where something is there that this program did not write: a link, a pipe, another
- * first line. */
+/* NULL: no table. *foreign: the path exists but is not a file of this program: a link, a pipe, another first line. */
 static FILE *open_table(const char *path, bool *foreign) {
   struct stat about;
   char line[LINE_BYTES];
@@ -50,7 +49,7 @@ static FILE *open_table(const char *path, bool *foreign) {
   return file;
 }
 
-/* A file of that name that is not a table of this program is kept, and no table is written. */
+/* If a file of that name is not a table of this program, it is kept and no table is written. */
 static void read_table(struct validations *v, const char *path, bool resume, uint64_t step) {
   bool foreign = false;
   FILE *file = open_table(path, &foreign);
@@ -87,9 +86,9 @@ static void extend_curve(struct validations *v, uint64_t step, double psnr) {
   const struct curve_named named = {v->title, &v->curve};
   ern_train_report now;
   ern_trainer_describe(v->trainer, &now);
-  const struct curve_point point = {step, now.seconds, psnr, NAN}; /* measures.csv tells of the mouth */
+  const struct curve_point point = {step, now.seconds, psnr, NAN}; /* the mouth is in measures.csv */
   if (curve_add(&v->curve, v->session, point) != 0) return;
-  v->plotted = true; /* some of it even where it fails */
+  v->plotted = true; /* may be partly written even after an error */
   (void)curve_plot(&named, 1, v->session, ern_trainer_folder(v->trainer), "curve", v->title);
 }
 
@@ -101,7 +100,7 @@ static void extend_table(struct validations *v, uint64_t step, const struct meas
                             f->sharpness_head,
                             f->sharpness_mouth,
                             f->seam};
-  struct bytes copy = {0}; /* writing releases it */
+  struct bytes copy = {0}; /* the write frees it */
   bytes_print(&v->table, "%" PRIu64, step);
   for (size_t i = 0; i < sizeof figures / sizeof *figures; i++) {
     bytes_print(&v->table, ",");

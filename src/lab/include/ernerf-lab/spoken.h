@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * A text spoken by espeak-ng, with the phonemes in time and the mouth that says them: speech whose truth is known. */
+ * A text spoken by espeak-ng, with timed phonemes and a mouth that follows them: speech with known ground truth. */
 #ifndef ERNERF_LAB_SPOKEN_H
 #define ERNERF_LAB_SPOKEN_H
 
@@ -17,7 +17,7 @@ typedef struct ern_spoken {
 } ern_spoken;
 
 typedef struct ern_spoken_options {
-  const char *voice;    /* as `espeak-ng --voices` lists them, "+f3" and such behind it; "en-us" */
+  const char *voice;    /* as `espeak-ng --voices` lists them, with an optional suffix such as "+f3"; "en-us" */
   int words_per_minute; /* 80 to 450; 165 */
 } ern_spoken_options;
 
@@ -25,13 +25,13 @@ typedef struct ern_spoken_options {
 bool ern_spoken_is_built(void);
 
 /* text: UTF-8. The library libespeak-ng.so.1 is loaded for the call; it keeps its state in globals, so one thread at a
- * time. ERN_E_UNSUPPORTED: it is not there; ERN_E_ARGUMENT: it knows no such voice. ern_spoken_free frees. */
+ * time. ERN_E_UNSUPPORTED: the library is missing; ERN_E_ARGUMENT: unknown voice. Free with ern_spoken_free. */
 ERN_NODISCARD ern_status ern_spoken_make(ern_context *context, const char *text, const ern_spoken_options *options,
                                          ern_spoken *spoken);
 void ern_spoken_free(ern_context *context, ern_spoken *spoken); /* accepts a zeroed one */
 
-/* The mouth at `seconds`: jaw 0 closed .. 1 wide open, width -1 pursed .. 1 spread. A target a phoneme, two for a
- * diphthong, smoothed by a Gaussian of 20 ms standard deviation. */
+/* The mouth at `seconds`: jaw 0 closed .. 1 wide open, width -1 pursed .. 1 spread. Each phoneme has one target, a
+ * diphthong two, smoothed by a Gaussian of 20 ms standard deviation. */
 void ern_spoken_mouth(const ern_spoken *spoken, double seconds, float *jaw, float *width);
 
 #endif

@@ -1,15 +1,15 @@
 /* SPDX-License-Identifier: MIT
- * A made-up clip, to train on and to test with. */
+ * A synthetic clip, for training and tests. */
 #ifndef ERNERF_LAB_SYNTH_H
 #define ERNERF_LAB_SYNTH_H
 
 #include "ernerf-lab/spoken.h"
 
 /* What stands behind the person: a window and a shelf; one colour with a soft gradient; many small things of high
- * contrast, some of the colours of the person's skin and hair. */
+ * contrast, some in the colours of the person's skin and hair. */
 enum ern_synth_room { ERN_SYNTH_BOOKS, ERN_SYNTH_PLAIN, ERN_SYNTH_CLUTTERED };
 
-/* What makes a video hard to prepare. Its poses, landmarks and layers stay those of what is seen. */
+/* Faults that make a video hard to prepare. Poses, landmarks and layers still describe what is visible. */
 enum ern_synth_fault {
   ERN_SYNTH_NO_FAULT,
   ERN_SYNTH_CAMERA,  /* a hand-held camera pans and nods by `strength` degrees; bc.jpg is what it sees at rest */
@@ -23,14 +23,14 @@ enum ern_synth_fault {
 typedef struct ern_synth_options {
   uint32_t cookie;
   int size;   /* pixels a side, 64..1080 */
-  int frames; /* 8..100000; one in eleven, at least one, is for validation; 0: as long as the text takes */
+  int frames; /* 8..100000; one in eleven, at least one, is for validation; 0: the duration of the text */
   uint64_t seed;
   bool blink;         /* without: no au.csv, eyes stay open */
   bool torso;         /* without: empty (fully transparent) torso_imgs, only the head and the background in gt_imgs */
   bool moving_camera; /* without: every frame has the first frame's pose */
   /* A file of UTF-8, at most 1 MiB. NULL: syllables of the seed, with their features. A text is spoken by espeak-ng
    * (spoken.h) into aud.wav, the jaw follows its phonemes, and there is no file of features. The seed still chooses the
-   * person and the head's way. */
+   * person and the motion of the head. */
   const char *text_file;
   ern_spoken_options spoken;
   /* Degrees, 1..40: the largest yaw of the clip, with nods up to a half and tilts up to a third of it; 0: the seed's,
@@ -40,8 +40,8 @@ typedef struct ern_synth_options {
   /* parsing/ID.png, RGB, AD-NeRF's colours: head (with hair and ears) 0,0,255; neck (bare skin below it) 0,255,0; torso
    * 255,0,0; background 255,255,255. A pixel belongs to the topmost layer whose alpha is at least 0.5. */
   bool parsing;
-  /* The clip once more as an mp4 with its sound, made of the frames before they are JPEGs; outside the folder, or in
-   * one that is there. NULL: none. */
+  /* Also writes the clip as an mp4 with its sound, from the frames before JPEG compression. The path lies outside the
+   * folder, or in an existing one. NULL: none. */
   const char *video;
   int crf; /* of the video, H.264, 0..51 */
   enum ern_synth_fault fault;

@@ -2,7 +2,7 @@
  * The calls that the tuner times: slots on a synthetic head and torso, with just enough work to fill a device. */
 #include <string.h>
 
-#include "backend_opencl/device/tune_loads.h"
+#include "backend_opencl/device/tune_workloads.h"
 #include "core/memory.h"
 #include "core/rng.h"
 #include "model/parameters.h"
@@ -19,26 +19,26 @@ static const struct ern_model_config config = {.levels = 14,
                                                .bound = 1};
 
 /* Values in (-1, 1). */
-static ern_status take_reals(struct ern_cl_loads *p, size_t count, ern_span *span) {
+static ern_status take_reals(struct ern_cl_workloads *p, size_t count, ern_span *span) {
   struct ern_backend *table = &p->backend->table;
   float *values = NULL;
   ern_status status = ERN_OK;
   ERN_TRY(ERN_NEW(table->context, count, &values));
   for (size_t i = 0; i < count; i++)
     values[i] = 2 * ern_uniform(ern_random_at(1, 0, (uint32_t)i, ERN_RNG_INIT).word[0]) - 1;
-  ERN_TRY(ern_take(p->stream, ERN_ELEMENT_REAL, count, span));
+  ERN_TRY(ern_scratch_take(p->stream, ERN_ELEMENT_REAL, count, span));
   status = table->upload_reals(p->stream, *span, values, count);
 fail:
   ern_release(table->context, values);
   return status;
 }
 
-static ern_status take_rows(struct ern_cl_loads *p, int rows, size_t n, ern_rows *out) {
+static ern_status take_rows(struct ern_cl_workloads *p, int rows, size_t n, ern_rows *out) {
   *out = (ern_rows){.stride = n, .rows = rows, .per = ERN_PER_SAMPLE};
   return take_reals(p, (size_t)rows * n, &out->span);
 }
 
-static ern_status take_parameters(struct ern_cl_loads *p, ern_span *span) {
+static ern_status take_parameters(struct ern_cl_workloads *p, ern_span *span) {
   struct ern_backend *table = &p->backend->table;
   struct ern_parameter_table rows;
   float *block = NULL;
@@ -47,7 +47,7 @@ static ern_status take_parameters(struct ern_cl_loads *p, ern_span *span) {
   ERN_TRY(ERN_NEW(table->context, p->field.parameters, &block));
   ern_parameters_init(block, &rows, false, 1);
   ern_parameters_init(block, &rows, true, 1);
-  ERN_TRY(ern_take(p->stream, ERN_ELEMENT_REAL, p->field.parameters, span));
+  ERN_TRY(ern_scratch_take(p->stream, ERN_ELEMENT_REAL, p->field.parameters, span));
   status = table->upload_reals(p->stream, *span, block, p->field.parameters);
 fail:
   ern_release(table->context, block);
@@ -55,7 +55,7 @@ fail:
 }
 
 /* Numbers of all pixels, and an occupancy with every cell in it. */
-static ern_status take_view(struct ern_cl_loads *p, size_t pixels, ern_span *numbers, ern_span *bits) {
+static ern_status take_view(struct ern_cl_workloads *p, size_t pixels, ern_span *numbers, ern_span *bits) {
   struct ern_backend *table = &p->backend->table;
   int32_t *number = NULL;
   ern_status status = ERN_OK;
@@ -63,9 +63,9 @@ static ern_status take_view(struct ern_cl_loads *p, size_t pixels, ern_span *num
   uint8_t *bytes = (uint8_t *)(number + pixels);
   for (size_t i = 0; i < pixels; i++) number[i] = (int32_t)i;
   memset(bytes, 0xff, ERN_OCCUPANCY_BYTES);
-  ERN_TRY(ern_take(p->stream, ERN_ELEMENT_INT32, pixels, numbers));
+  ERN_TRY(ern_scratch_take(p->stream, ERN_ELEMENT_INT32, pixels, numbers));
   ERN_TRY(table->upload_int32(p->stream, *numbers, number, pixels));
-  ERN_TRY(ern_take(p->stream, ERN_ELEMENT_BYTE, ERN_OCCUPANCY_BYTES, bits));
+  ERN_TRY(ern_scratch_take(p->stream, ERN_ELEMENT_BYTE, ERN_OCCUPANCY_BYTES, bits));
   status = table->upload_bytes(p->stream, *bits, bytes, ERN_OCCUPANCY_BYTES);
 fail:
   ern_release(table->context, number);
@@ -73,7 +73,7 @@ fail:
 }
 
 /* A plane of the head, and the density's layers. */
-static ern_status fill_samples(struct ern_cl_loads *p, size_t n) {
+static ern_status fill_samples(struct ern_cl_workloads *p, size_t n) {
   const struct ern_grid *grid = &p->field.encoder.grid[0];
   const struct ern_mlp *mlp = &p->field.density;
   const ern_span parameters = p->prepare.parameters;
@@ -100,7 +100,7 @@ fail:
   return status;
 }
 
-static ern_status fill_pictures(struct ern_cl_loads *p, int side) {
+static ern_status fill_pictures(struct ern_cl_workloads *p, int side) {
   const size_t pixels = (size_t)side * (size_t)side;
   const float half = (float)side / 2;
   /* the camera is 3.4 units in front of the head */
@@ -135,12 +135,12 @@ fail:
   return status;
 }
 
-ern_status ern_cl_loads_make(struct ern_cl_backend *backend, struct ern_cl_loads **loads) {
+ern_status ern_cl_loads_make(struct ern_cl_backend *backend, struct ern_cl_workloads **loads) {
   struct ern_backend *table = &backend->table;
   const bool host = backend->device.host;
   ern_status status = ERN_OK;
   ERN_TRY(ERN_NEW(table->context, 1, loads));
-  struct ern_cl_loads *p = *loads;
+  struct ern_cl_workloads *p = *loads;
   p->backend = backend;
   ERN_TRY(table->stream_make(table, 1, &p->stream));
   ERN_TRY(take_parameters(p, &p->prepare.parameters));
@@ -154,18 +154,18 @@ fail:
   return status;
 }
 
-void ern_cl_loads_free(struct ern_cl_loads *loads) {
+void ern_cl_loads_free(struct ern_cl_workloads *loads) {
   if (loads == NULL) return;
   struct ern_backend *table = &loads->backend->table;
   table->stream_free(loads->stream);
   ern_release(table->context, loads);
 }
 
-ern_status ern_cl_load_prepare(struct ern_cl_loads *loads, ern_cl_tunable tunable, struct ern_stream *stream) {
+ern_status ern_cl_workload_prepare(struct ern_cl_workloads *loads, ern_cl_tunable tunable, struct ern_stream *stream) {
   return tunable >= ERN_CL_SIZE_rays_tile ? stream->backend->render_prepare(stream, &loads->prepare) : ERN_OK;
 }
 
-ern_status ern_cl_load_run(struct ern_cl_loads *loads, ern_cl_tunable tunable, struct ern_stream *stream) {
+ern_status ern_cl_workload_run(struct ern_cl_workloads *loads, ern_cl_tunable tunable, struct ern_stream *stream) {
   const struct ern_backend *table = stream->backend;
   switch (tunable) {
     case ERN_CL_SIZE_mlp_fwd: return table->mlp_fwd(stream, &loads->mlp.forward);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT */
-#include "media/cut_file.h"
+#include "media/truncation.h"
 
 #include <inttypes.h>
 #include <stdbool.h>
@@ -44,7 +44,7 @@ static bool wav_data(const char *path, uint32_t *claimed, uint64_t *there, bool 
 
 /* A program that writes WAV to a pipe does not know the size: the header claims 0 or UINT32_MAX, and the sound goes on
  * to the end of the file. */
-ern_status ern_cut_packet(ern_context *context, const char *path, const char *format) {
+ern_status ern_truncation_check_packet(ern_context *context, const char *path, const char *format) {
   uint32_t claimed = 0;
   uint64_t there = 0;
   bool whole = false;
@@ -106,7 +106,8 @@ fail:
   return status;
 }
 
-ern_status ern_cut_end(ern_context *context, const char *path, const char *format, double seconds, double expected) {
+ern_status ern_truncation_check_end(ern_context *context, const char *path, const char *format, double seconds,
+                                    double expected) {
   if (seconds + SHORTER < expected)
     return ern_fail(context, ERN_E_FORMAT,
                     "%s: is damaged or cut short: it ends after %.2f s, expected %.2f s as its header says", path,

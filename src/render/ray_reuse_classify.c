@@ -41,10 +41,10 @@ static ern_status march_some(const struct sorting *s, ern_span bits, const int32
                                  .settings = all->settings,
                                  .n = n};
   ern_status status = ERN_OK;
-  ERN_TRY(ern_take(r->stream, ERN_ELEMENT_INT32, n, &rays.pixel));
-  ERN_TRY(ern_take_rows(r->stream, 3, n, &rays.dir));
-  ERN_TRY(ern_take(r->stream, ERN_ELEMENT_INT32, n, &march.count));
-  ERN_TRY(ern_take(r->stream, ERN_ELEMENT_REAL, n * (size_t)all->settings.max_steps, &march.t));
+  ERN_TRY(ern_scratch_take(r->stream, ERN_ELEMENT_INT32, n, &rays.pixel));
+  ERN_TRY(ern_scratch_take_rows(r->stream, 3, n, &rays.dir));
+  ERN_TRY(ern_scratch_take(r->stream, ERN_ELEMENT_INT32, n, &march.count));
+  ERN_TRY(ern_scratch_take(r->stream, ERN_ELEMENT_REAL, n * (size_t)all->settings.max_steps, &march.t));
   ERN_TRY(r->backend->upload_int32(r->stream, rays.pixel, pixel, n));
   ERN_TRY(r->backend->rays(r->stream, &rays));
   march.dir = rays.dir;
@@ -198,9 +198,9 @@ static ern_status measure(struct sorting *s, struct ern_reused_rays *rays) {
   ern_status status = ERN_OK;
   if (s->count == 0 || s->count > MOST_VALUES / (m.channels * m.keyframes)) return ERN_OK;
   ERN_TRY(ERN_NEW(r->context, m.channels * m.keyframes * s->count, &m.value));
-  ERN_TRY(ern_take(r->stream, ERN_ELEMENT_INT32, s->count, &list));
-  ERN_TRY(ern_take(r->stream, ERN_ELEMENT_INT32, s->count, &ray));
-  ERN_TRY(ern_take(r->stream, ERN_ELEMENT_REAL, ERN_AUDIO_CODE, &code));
+  ERN_TRY(ern_scratch_take(r->stream, ERN_ELEMENT_INT32, s->count, &list));
+  ERN_TRY(ern_scratch_take(r->stream, ERN_ELEMENT_INT32, s->count, &ray));
+  ERN_TRY(ern_scratch_take(r->stream, ERN_ELEMENT_REAL, ERN_AUDIO_CODE, &code));
   ERN_TRY(r->backend->upload_int32(r->stream, list, s->pixel, s->count));
   ERN_TRY(r->backend->upload_int32(r->stream, ray, s->ray, s->count));
   for (size_t k = 0; k < m.keyframes; k++) ERN_TRY(render_keyframe(s, &m, k, list, ray, code));
@@ -244,7 +244,7 @@ fail:
   return status;
 }
 
-ern_status ern_ray_reuse_sort(ern_renderer *r, const struct ern_render_rays_args *all) {
+ern_status ern_ray_reuse_classify(ern_renderer *r, const struct ern_render_rays_args *all) {
   struct sorting s = {.r = r, .all = all};
   ern_status status = ERN_OK;
   ern_reused_rays_free(r);

@@ -1,17 +1,17 @@
 /* SPDX-License-Identifier: MIT
  * Detects files that are damaged or truncated, which FFmpeg reads as shorter files without an error. `format`: FFmpeg's
  * name of its container. */
-#ifndef ERN_MEDIA_CUT_FILE_H
-#define ERN_MEDIA_CUT_FILE_H
+#ifndef ERN_MEDIA_TRUNCATION_H
+#define ERN_MEDIA_TRUNCATION_H
 
 #include "core/status.h"
 
 /* Call it where a packet has fewer bytes than its container claims: ERN_E_FORMAT, except for a WAV file that was
  * written to a pipe, whose header cannot know the size. */
-ERN_NODISCARD ern_status ern_cut_packet(ern_context *context, const char *path, const char *format);
+ERN_NODISCARD ern_status ern_truncation_check_packet(ern_context *context, const char *path, const char *format);
 /* Call it where a stream ends. seconds: its length. expected: the length that its header states, 0: none. ERN_E_FORMAT
  * where it should be longer; logs a warning where the file lacks its format's end marker (Ogg). */
-ERN_NODISCARD ern_status ern_cut_end(ern_context *context, const char *path, const char *format, double seconds,
-                                     double expected);
+ERN_NODISCARD ern_status ern_truncation_check_end(ern_context *context, const char *path, const char *format,
+                                                  double seconds, double expected);
 
 #endif
