@@ -12,7 +12,7 @@ enum {
   MAX_RATE = 384000,
   MAX_CHANNELS = 8,
   MAX_SILENCE = 3600 /* s */,
-  MOST_HEARD_HOURS = 4,
+  MOST_SOUND_HOURS = 4,
   SILENCE_BLOCK = 4096,
   MOST_TOLD = 10 /* log messages */
 };
@@ -270,9 +270,9 @@ static ern_status take_piece(struct sound_decode_job *job) {
   struct ern_sound_decoder *sound = &job->sound;
   const size_t count = sound->frames;
   ern_status status = ERN_OK;
-  if (sound->position > (uint64_t)MOST_HEARD_HOURS * 3600 * (uint64_t)sound->rate)
+  if (sound->position > (uint64_t)MOST_SOUND_HOURS * 3600 * (uint64_t)sound->rate)
     ERN_TRY(ern_fail(job->context, ERN_E_SHAPE, "%s: sound is longer than %d hours, the most that features are made of",
-                     sound->decoder.path, MOST_HEARD_HOURS));
+                     sound->decoder.path, MOST_SOUND_HOURS));
   ERN_TRY(give_waiting(job));
   ERN_TRY(give_silence(job));
   if (count > job->capacity) {

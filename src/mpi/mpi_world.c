@@ -42,11 +42,11 @@ static ern_status fail(const char *what, int code, char words[ERN_COMMUNICATOR_W
 /* ---- waiting ----------------------------------------------------------------------------------------------------- */
 
 static void pause_between(unsigned turn) {
-  const struct timespec moment = {0, 50 * 1000};
+  const struct timespec pause = {0, 50 * 1000};
   if (turn < SPINS)
     (void)sched_yield();
   else
-    (void)nanosleep(&moment, NULL);
+    (void)nanosleep(&pause, NULL);
 }
 
 static ern_status wait_for(struct own *own, int count, MPI_Request *requests, const char *what,

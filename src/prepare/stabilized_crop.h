@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * A crop of the face that the pose stabilises: a grid on the generic face, sampled where the pose projects it. */
-#ifndef ERN_PREPARE_STILL_CROP_H
-#define ERN_PREPARE_STILL_CROP_H
+#ifndef ERN_PREPARE_STABILIZED_CROP_H
+#define ERN_PREPARE_STABILIZED_CROP_H
 
 #include "prepare/prepare_job.h"
 

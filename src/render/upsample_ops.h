@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * Upsampling of a layer that was rendered at low resolution, and its compositing over the picture. */
-#ifndef ERN_ENLARGE_OPS_H
-#define ERN_ENLARGE_OPS_H
+#ifndef ERN_UPSAMPLE_OPS_H
+#define ERN_UPSAMPLE_OPS_H
 
 #include "core/types.h"
 

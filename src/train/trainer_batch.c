@@ -132,7 +132,7 @@ static int32_t pixel_of_part(const struct draw *draw, const struct part *part, u
 }
 
 /* word[2] chooses the region, so that a missing region does not change the rays of the others. */
-static int32_t pick_pixel(const struct draw *draw, const struct ern_random *random) {
+static int32_t draw_pixel(const struct draw *draw, const struct ern_random *random) {
   const uint32_t width = (uint32_t)draw->t->data.width, height = (uint32_t)draw->t->data.height;
   const float at = ern_uniform(random->word[2]);
   const float eyes = 1 - ERN_EYES_SHARE, silhouette = eyes - ERN_SILHOUETTE_SHARE;
@@ -158,7 +158,7 @@ static void draw_task(void *user, size_t shard, int worker) {
   for (uint32_t tile = 0; tile < draw->tiles; tile++) draw->place[tile * ERN_SHARDS + shard] = 0;
   for (size_t i = p.begin; i < p.end; i++) {
     const struct ern_random random = ern_random_at(t->config.seed, t->step, (uint32_t)(draw->first + i), ERN_RNG_PIXEL);
-    draw->pixel[i] = pick_pixel(draw, &random);
+    draw->pixel[i] = draw_pixel(draw, &random);
     draw->jitter[i] = ern_uniform(random.word[1]);
     draw->place[tile_of(draw, draw->pixel[i]) * ERN_SHARDS + shard]++;
   }

@@ -16,7 +16,7 @@ int queue_wait_for_slot(struct bounded_queue *queue) {
   pthread_mutex_lock(&queue->mutex);
   while (!queue->broken && queue->filled - queue->emptied == queue->places)
     pthread_cond_wait(&queue->moved, &queue->mutex);
-  const int place = queue->broken ? QUEUE_OVER : (int)(queue->filled % queue->places);
+  const int place = queue->broken ? QUEUE_CLOSED : (int)(queue->filled % queue->places);
   pthread_mutex_unlock(&queue->mutex);
   return place;
 }
@@ -35,24 +35,24 @@ bool queue_is_empty(struct bounded_queue *queue) {
   return empty;
 }
 
-int queue_item(struct bounded_queue *queue) {
+int queue_wait_for_item(struct bounded_queue *queue) {
   pthread_mutex_lock(&queue->mutex);
   while (!queue->broken && !queue->ended && queue->filled == queue->emptied)
     pthread_cond_wait(&queue->moved, &queue->mutex);
   const bool over = queue->broken || queue->filled == queue->emptied;
-  const int place = over ? QUEUE_OVER : (int)(queue->emptied % queue->places);
+  const int place = over ? QUEUE_CLOSED : (int)(queue->emptied % queue->places);
   pthread_mutex_unlock(&queue->mutex);
   return place;
 }
 
 /* Changes a member of the queue, such as `filled += 1` or `ended = true`, and wakes the waiting threads. */
-#define BELT_CHANGE(queue, change)      \
+#define QUEUE_CHANGE(queue, change)     \
   pthread_mutex_lock(&(queue)->mutex);  \
   (queue)->change;                      \
   pthread_cond_signal(&(queue)->moved); \
   pthread_mutex_unlock(&(queue)->mutex)
 
-void queue_fill(struct bounded_queue *queue) { BELT_CHANGE(queue, filled++); }
-void queue_empty(struct bounded_queue *queue) { BELT_CHANGE(queue, emptied++); }
-void queue_end(struct bounded_queue *queue) { BELT_CHANGE(queue, ended = true); }
-void queue_break(struct bounded_queue *queue) { BELT_CHANGE(queue, broken = true); }
+void queue_push(struct bounded_queue *queue) { QUEUE_CHANGE(queue, filled++); }
+void queue_pop(struct bounded_queue *queue) { QUEUE_CHANGE(queue, emptied++); }
+void queue_end(struct bounded_queue *queue) { QUEUE_CHANGE(queue, ended = true); }
+void queue_break(struct bounded_queue *queue) { QUEUE_CHANGE(queue, broken = true); }

@@ -17,22 +17,22 @@ struct bounded_queue {
   bool broken;            /* one side gave up */
 };
 
-enum { QUEUE_OVER = -1 };
+enum { QUEUE_CLOSED = -1 };
 
 void queue_make(struct bounded_queue *queue, size_t places);
 void queue_free(struct bounded_queue *queue);
 
-/* Producer: waits for a free place and returns its index, or QUEUE_OVER if the consumer gave up. */
+/* Producer: waits for a free place and returns its index, or QUEUE_CLOSED if the consumer gave up. */
 int queue_wait_for_slot(struct bounded_queue *queue);
 bool queue_has_slot(struct bounded_queue *queue); /* whether queue_wait_for_slot would not wait */
-void queue_fill(struct bounded_queue *queue);     /* hands that place to the consumer */
+void queue_push(struct bounded_queue *queue);     /* hands that place to the consumer */
 void queue_end(struct bounded_queue *queue);      /* no more items follow */
 
-/* Consumer: waits for an item and returns the place of the oldest, or QUEUE_OVER: the producer ended the queue or gave
- * up. */
-int queue_item(struct bounded_queue *queue);
-bool queue_is_empty(struct bounded_queue *queue); /* whether queue_item would wait, or say QUEUE_OVER */
-void queue_empty(struct bounded_queue *queue);    /* frees that place */
+/* Consumer: waits for an item and returns the place of the oldest, or QUEUE_CLOSED: the producer ended the queue or
+ * gave up. */
+int queue_wait_for_item(struct bounded_queue *queue);
+bool queue_is_empty(struct bounded_queue *queue); /* whether queue_wait_for_item would wait, or say QUEUE_CLOSED */
+void queue_pop(struct bounded_queue *queue);      /* frees that place */
 
 /* Either side gives up: wakes the other side if it waits. */
 void queue_break(struct bounded_queue *queue);

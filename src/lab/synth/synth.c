@@ -48,10 +48,10 @@ struct work {
   ern_sound sound;
   ern_video_writer *video;
   struct ern_pool *pool;
-  size_t first_frame;           /* of the pool's current batch */
-  ern_status *outcomes;         /* [threads], of the current batch */
-  uint8_t **shown;              /* [threads], of the current batch: [size][size][4] for the video */
-  struct ern_synth_desk *desks; /* [threads] */
+  size_t first_frame;              /* of the pool's current batch */
+  ern_status *outcomes;            /* [threads], of the current batch */
+  uint8_t **shown;                 /* [threads], of the current batch: [size][size][4] for the video */
+  struct ern_synth_buffers *desks; /* [threads] */
 };
 
 ern_synth_options ern_synth_options_default(void) {
@@ -114,7 +114,7 @@ static ern_status check_folder(ern_context *context, const char *folder, bool *t
 /* A text being written: numbers with a point whatever the locale. */
 struct text {
   char *at;
-  size_t room, length;
+  size_t capacity, length;
 };
 
 /* before + value with `places` digits after the point + after. If the buffer is too short, which is an error of this
@@ -122,7 +122,7 @@ struct text {
 static void put_number(struct text *text, const char *before, double value, int places, const char *after) {
   static const int64_t powers[] = {1, 10, 100, 1000, 10000, 100000, 1000000};
   const int64_t scaled = llrint(value * (double)powers[places]), size = scaled < 0 ? -scaled : scaled;
-  const size_t left = text->room - text->length;
+  const size_t left = text->capacity - text->length;
   const int count =
       places == 0
           ? snprintf(text->at + text->length, left, "%s%s%" PRId64 "%s", before, scaled < 0 ? "-" : "", size, after)
@@ -158,12 +158,12 @@ static void remove_all(struct work *work) {
 
 /* ---- frames -------------------------------------------------------------------------------------- */
 
-static ern_status write_parsing(struct work *work, size_t frame, struct ern_synth_desk *desk) {
+static ern_status write_parsing(struct work *work, size_t frame, struct ern_synth_buffers *buffers) {
   ern_status status = ERN_OK;
   char *path = NULL;
-  ern_synth_desk_parse(desk);
+  ern_synth_buffers_parse(buffers);
   ERN_TRY(frame_path(work, PARSING, frame, &path));
-  ERN_TRY(ern_image_write(work->context, path, &desk->parsing, JPEG_QUALITY));
+  ERN_TRY(ern_image_write(work->context, path, &buffers->parsing, JPEG_QUALITY));
 fail:
   ern_release(work->context, path);
   return status;
@@ -172,8 +172,8 @@ fail:
 static ern_status write_landmarks(struct work *work, const struct ern_synth_head *head,
                                   const struct ern_synth_camera *camera, const char *path) {
   struct vec3 points[ERN_LANDMARKS];
-  char room[ERN_LANDMARKS * 64];
-  struct text text = {room, sizeof room, 0};
+  char letters[ERN_LANDMARKS * 64];
+  struct text text = {letters, sizeof letters, 0};
   ern_synth_head_landmarks(head, points);
   for (int k = 0; k < ERN_LANDMARKS; ++k) {
     float pixel[2];
@@ -184,7 +184,7 @@ static ern_status write_landmarks(struct work *work, const struct ern_synth_head
   return ern_file_write(work->context, path, text.at, text.length, ERN_EXISTING_BY_CONTEXT);
 }
 
-static ern_status write_frame(struct work *work, size_t frame, struct ern_synth_desk *desk) {
+static ern_status write_frame(struct work *work, size_t frame, struct ern_synth_buffers *buffers) {
   ern_status status = ERN_OK;
   char *truth = NULL, *cutout = NULL, *landmarks = NULL;
   const struct ern_synth_curve *curve = &work->curves[frame];
@@ -194,19 +194,19 @@ static ern_status write_frame(struct work *work, size_t frame, struct ern_synth_
   struct ern_synth_camera camera;
   ern_synth_head_pose(&head, &cast->person, curve);
   ern_synth_camera_make(size, curve, &camera);
-  ern_synth_head_draw(&head, &camera, size, desk->head);
-  if (work->options->torso) ern_synth_torso_draw(&cast->torso, curve, size, desk->torso, desk->bare);
-  ern_synth_desk_compose(desk, cast->room, curve);
+  ern_synth_head_draw(&head, &camera, size, buffers->head);
+  if (work->options->torso) ern_synth_torso_draw(&cast->torso, curve, size, buffers->torso, buffers->bare);
+  ern_synth_buffers_compose(buffers, cast->room, curve);
   if (work->options->fault == ERN_SYNTH_OCCLUDE)
-    ern_synth_desk_rod(desk, cast->person.skin, ((double)frame + 0.5) / (double)work->frames,
-                       work->options->strength / 100.0);
+    ern_synth_buffers_rod(buffers, cast->person.skin, ((double)frame + 0.5) / (double)work->frames,
+                          work->options->strength / 100.0);
   ERN_TRY(frame_path(work, 0, frame, &truth));
   ERN_TRY(frame_path(work, 1, frame, &cutout));
   ERN_TRY(frame_path(work, 2, frame, &landmarks));
-  ERN_TRY(ern_image_write(work->context, truth, &desk->truth, JPEG_QUALITY));
-  ERN_TRY(ern_image_write(work->context, cutout, &desk->cutout, JPEG_QUALITY));
+  ERN_TRY(ern_image_write(work->context, truth, &buffers->truth, JPEG_QUALITY));
+  ERN_TRY(ern_image_write(work->context, cutout, &buffers->cutout, JPEG_QUALITY));
   ERN_TRY(write_landmarks(work, &head, &camera, landmarks));
-  if (work->options->parsing) ERN_TRY(write_parsing(work, frame, desk));
+  if (work->options->parsing) ERN_TRY(write_parsing(work, frame, buffers));
 fail:
   ern_release(work->context, truth);
   ern_release(work->context, cutout);
@@ -216,9 +216,9 @@ fail:
 
 static void frame_task(void *user, size_t index, int worker) {
   struct work *work = user;
-  struct ern_synth_desk *desk = &work->desks[worker];
-  work->outcomes[index] = write_frame(work, work->first_frame + index, desk);
-  if (work->video != NULL) ern_synth_desk_show(desk, work->shown[index]);
+  struct ern_synth_buffers *buffers = &work->desks[worker];
+  work->outcomes[index] = write_frame(work, work->first_frame + index, buffers);
+  if (work->video != NULL) ern_synth_buffers_show(buffers, work->shown[index]);
 }
 
 /* Draws as many frames at a time as there are threads, so that the caller's thread reports progress. */
@@ -281,7 +281,7 @@ static ern_status write_table(struct work *work, const char *name, const char *h
   const size_t length = strlen(header);
   struct text text = {NULL, length + line_bytes * work->frames + 1, length};
   ERN_TRY(ern_path_join(work->context, work->folder, name, &path));
-  ERN_TRY(ERN_NEW(work->context, text.room, &text.at));
+  ERN_TRY(ERN_NEW(work->context, text.capacity, &text.at));
   memcpy(text.at, header, length);
   for (size_t t = 0; t < work->frames; ++t) line(&text, &work->curves[t], t);
   ERN_TRY(ern_file_write(work->context, path, text.at, text.length, ERN_EXISTING_BY_CONTEXT));
@@ -449,7 +449,7 @@ static ern_status set_up(struct work *work) {
   ERN_TRY(ERN_NEW(context, threads, &work->shown));
   ERN_TRY(ERN_NEW(context, threads, &work->desks));
   for (size_t k = 0; k < threads; ++k) {
-    ERN_TRY(ern_synth_desk_make(context, options->size, &work->desks[k]));
+    ERN_TRY(ern_synth_buffers_make(context, options->size, &work->desks[k]));
     if (options->video != NULL) ERN_TRY(ERN_NEW(context, 4 * pixels, &work->shown[k]));
   }
   status = options->text_file != NULL ? ern_synth_speech_follow(context, &work->spoken, work->frames, &work->speech)
@@ -465,7 +465,7 @@ fail:
 
 static void tear_down(struct work *work) {
   for (int k = 0; work->desks != NULL && k < ern_pool_threads(work->pool); ++k) {
-    ern_synth_desk_free(work->context, &work->desks[k]);
+    ern_synth_buffers_free(work->context, &work->desks[k]);
     ern_release(work->context, work->shown[k]);
   }
   for (int k = 0; k < 2; ++k) {

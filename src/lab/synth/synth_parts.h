@@ -286,7 +286,7 @@ void ern_synth_head_draw(const struct ern_synth_head *head, const struct ern_syn
 /* ---- a frame ------------------------------------------------------------------------------------- */
 
 /* Buffers to draw a frame in. */
-struct ern_synth_desk {
+struct ern_synth_buffers {
   int size;
   float (*head)[4], (*torso)[4], *bare; /* [size][size] */
   bool *hidden;                         /* [size][size], behind the rod */
@@ -296,16 +296,17 @@ struct ern_synth_desk {
 /* 255 c, rounded and clamped to a byte. */
 uint8_t ern_synth_to_byte(float c);
 ERN_NODISCARD ern_status ern_synth_picture_make(ern_context *context, int size, int channels, ern_image *image);
-ERN_NODISCARD ern_status ern_synth_desk_make(ern_context *context, int size, struct ern_synth_desk *desk);
-void ern_synth_desk_free(ern_context *context, struct ern_synth_desk *desk); /* accepts a half-made one */
+ERN_NODISCARD ern_status ern_synth_buffers_make(ern_context *context, int size, struct ern_synth_buffers *buffers);
+void ern_synth_buffers_free(ern_context *context, struct ern_synth_buffers *buffers); /* accepts a half-made one */
 /* truth: head over torso over room; cutout: the torso alone, its colours divided by its alpha. */
-void ern_synth_desk_compose(struct ern_synth_desk *desk, float (*room)[4], const struct ern_synth_curve *curve);
+void ern_synth_buffers_compose(struct ern_synth_buffers *buffers, float (*room)[4],
+                               const struct ern_synth_curve *curve);
 /* Draws a rod in front of the face, in the middle third of the clip; `time`: 0..1 of the clip; `width` in sides of the
  * picture. */
-void ern_synth_desk_rod(struct ern_synth_desk *desk, struct vec3 skin, double time, double width);
+void ern_synth_buffers_rod(struct ern_synth_buffers *buffers, struct vec3 skin, double time, double width);
 /* parsing: the topmost layer whose alpha is at least 0.5. */
-void ern_synth_desk_parse(struct ern_synth_desk *desk);
+void ern_synth_buffers_parse(struct ern_synth_buffers *buffers);
 /* truth as RGBA, [size][size][4]. */
-void ern_synth_desk_show(const struct ern_synth_desk *desk, uint8_t *shown);
+void ern_synth_buffers_show(const struct ern_synth_buffers *buffers, uint8_t *shown);
 
 #endif

@@ -31,13 +31,13 @@ void ern_synth_person_make(uint64_t seed, struct ern_synth_person *person) {
   static const struct vec3 walls[] = {
       {0.30f, 0.36f, 0.40f}, {0.42f, 0.36f, 0.28f}, {0.26f, 0.34f, 0.29f}, {0.36f, 0.31f, 0.38f}};
   /* neighbouring seeds differ in everything: separate digits of the hash index the tables */
-  const uint64_t pick = synth_hash(seed, STREAM_PERSON, 0);
-  person->skin = skins[pick % 5];
-  person->hair = hairs[(pick / 5) % 5];
-  person->iris = irises[(pick / 25) % 5];
-  person->shirt = shirts[(pick / 125) % 4];
-  person->jacket = jackets[(pick / 500) % 4];
-  person->wall = walls[(pick / 2000) % 4];
+  const uint64_t choice = synth_hash(seed, STREAM_PERSON, 0);
+  person->skin = skins[choice % 5];
+  person->hair = hairs[(choice / 5) % 5];
+  person->iris = irises[(choice / 25) % 5];
+  person->shirt = shirts[(choice / 125) % 4];
+  person->jacket = jackets[(choice / 500) % 4];
+  person->wall = walls[(choice / 2000) % 4];
   person->lamp = vec3_of(1.0f, draw(seed, 1, 0.70, 0.85), draw(seed, 2, 0.40, 0.60));
   person->lip = vec3_mix(vec3_mul(person->skin, vec3_of(0.92f, 0.55f, 0.58f)), vec3_of(0.42f, 0.09f, 0.09f), 0.35f);
   person->face_width = draw(seed, 3, 0.96, 1.04);

@@ -14,8 +14,8 @@ namespace {
 
 enum { BINS = 16, ROUNDS = 3, NEAR = 3 /* pixels of work */ };
 constexpr double SKULL = 0.92, HAIR = 1.5; /* of the projected ellipsoid */
-constexpr float COLOUR_LIMIT = 6, LAST_FRAME = 1, SMOOTHNESS = 5, OTHER = 0.15F, STANDS_STILL = 4;
-constexpr double STILL_SHARE = 0.2; /* of the examples */
+constexpr float COLOUR_LIMIT = 6, LAST_FRAME = 1, SMOOTHNESS = 5, OTHER = 0.15F, STATIC_MOTION = 4;
+constexpr double STATIC_SHARE = 0.2; /* of the examples */
 
 /* The histogram bin of a colour. Bins are uniform in the square root of a value, as dark colours lie closer. */
 size_t bin_of(const cv::Vec3b &c) {
@@ -125,10 +125,10 @@ cv::Mat around(const ern_person_model &model, const cv::Mat &mask, const ern_lay
 void learn_static(ern_person_model *model) {
   const size_t count = model->examples.size();
   cv::Mat often(model->work, model->work, CV_8U, cv::Scalar(0));
-  for (const ern_person_example &example : model->examples) cv::add(often, 1, often, example.motion < -STANDS_STILL);
-  const cv::Mat steady = often >= double(count) * STILL_SHARE;
+  for (const ern_person_example &example : model->examples) cv::add(often, 1, often, example.motion < -STATIC_MOTION);
+  const cv::Mat steady = often >= double(count) * STATIC_SHARE;
   for (ern_person_example &example : model->examples)
-    example.place.setTo(255, steady & (example.motion < -STANDS_STILL) & (example.mask == 0));
+    example.place.setTo(255, steady & (example.motion < -STATIC_MOTION) & (example.mask == 0));
 }
 
 /* Keeps the connected component of the face and fills small holes. */

@@ -44,7 +44,7 @@ int evaluate_open_portrait(struct evaluation *evaluation, struct portrait *portr
     session_warn(session, "%s: has no torso_imgs, the head is rendered over the background alone",
                  portrait->source.path);
   status = portrait_cut(portrait, session, args, &evaluation->frame_source, features);
-  return status == 0 ? portrait_thin(portrait, session, &evaluation->frame_source, features) : status;
+  return status == 0 ? portrait_prune_occupancy(portrait, session, &evaluation->frame_source, features) : status;
 }
 
 void evaluate_close(struct evaluation *evaluation) {

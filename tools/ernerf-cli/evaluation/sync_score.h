@@ -14,8 +14,8 @@ struct sync_score {
   int offset;        /* at the least distance: frames by which the sound is early */
 };
 
-/* seen (pictures), heard (sound): [count][width]. Rows of `heard` that a shift takes from outside [0, count) count as
+/* video (pictures), audio (sound): [count][width]. Rows of `audio` that a shift takes from outside [0, count) count as
  * zeros. */
-struct sync_score sync_score(const float *seen, const float *heard, size_t count, size_t width);
+struct sync_score sync_score(const float *video, const float *audio, size_t count, size_t width);
 
 #endif

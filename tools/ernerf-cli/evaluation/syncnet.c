@@ -123,14 +123,14 @@ static int embed(struct syncnet *sync, struct session *session, ern_network *net
 /* ---- the sound ----------------------------------------------------------------------------------------------------
  */
 
-static int hear(struct syncnet *sync, struct session *session, const double *wave, size_t samples) {
+static int embed_sound(struct syncnet *sync, struct session *session, const double *wave, size_t samples) {
   float input[SYNC_CEPSTRA * STEPS];
   double *rows = sync_cepstra(wave, samples);
   int status = rows != NULL ? 0 : session_fail_with(session, "no memory for the cepstra of the sound");
   for (size_t w = 0; w < sync->windows && status == 0; w++) {
     for (size_t i = 0; i < SYNC_CEPSTRA * STEPS; i++)
       input[i] = (float)rows[(w * HOP + i % STEPS) * SYNC_CEPSTRA + i / STEPS];
-    status = embed(sync, session, sync->audio, sync->audio_path, input, &sync->heard, w);
+    status = embed(sync, session, sync->audio, sync->audio_path, input, &sync->audio_embeddings, w);
   }
   free(rows);
   return status;
@@ -158,7 +158,7 @@ static int read_sound(struct syncnet *sync, const struct evaluation *evaluation,
     for (size_t c = 0; c < channels; c++) sum += (double)sound.data[(from + i) * channels + c];
     wave[i] = sum / (double)channels;
   }
-  if (status == 0) status = hear(sync, session, wave, samples);
+  if (status == 0) status = embed_sound(sync, session, wave, samples);
   free(wave);
   ern_sound_free(session->context, &sound);
   return status;
@@ -230,7 +230,7 @@ int syncnet_add(struct syncnet *sync, const struct evaluation *evaluation, size_
   if (k + 1 < SPAN || row >= sync->windows) return 0;
   for (int s = 0; s < SYNC_SIDES; s++)
     if ((s == SYNC_DRAWN || !sync->drawn_alone) &&
-        embed(sync, session, sync->video, sync->video_path, sync->input[s], &sync->seen[s], row) != 0)
+        embed(sync, session, sync->video, sync->video_path, sync->input[s], &sync->video_embeddings[s], row) != 0)
       return EXIT_FAILURE;
   return 0;
 }
@@ -238,7 +238,8 @@ int syncnet_add(struct syncnet *sync, const struct evaluation *evaluation, size_
 void syncnet_finish(struct syncnet *sync) {
   if (sync->video == NULL) return;
   for (int s = 0; s < SYNC_SIDES; s++)
-    if (sync->seen[s] != NULL) sync->score[s] = sync_score(sync->seen[s], sync->heard, sync->windows, sync->width);
+    if (sync->video_embeddings[s] != NULL)
+      sync->score[s] = sync_score(sync->video_embeddings[s], sync->audio_embeddings, sync->windows, sync->width);
   sync->known = true;
 }
 
@@ -247,9 +248,9 @@ void syncnet_close(struct syncnet *sync) {
   ern_network_free(&sync->audio);
   for (int s = 0; s < SYNC_SIDES; s++) {
     free(sync->input[s]);
-    free(sync->seen[s]);
+    free(sync->video_embeddings[s]);
   }
-  free(sync->heard);
+  free(sync->audio_embeddings);
   free(sync->crops);
   *sync = (struct syncnet){.video_path = NULL};
 }

@@ -22,8 +22,8 @@ struct syncnet {
   size_t windows;                      /* of 5 frames */
   struct sync_crop *crops;             /* [frames] */
   float *input[SYNC_SIDES];            /* [3][5][side][side]: the last five frames */
-  float *seen[SYNC_SIDES];             /* [windows][width] */
-  float *heard;                        /* [windows][width] */
+  float *video_embeddings[SYNC_SIDES]; /* [windows][width] */
+  float *audio_embeddings;             /* [windows][width] */
   struct sync_score score[SYNC_SIDES]; /* by syncnet_finish */
   bool known;
   bool drawn_alone; /* set before syncnet_open: the recorded frames do not belong to the sound, and get no score */

@@ -147,7 +147,7 @@ static int check_tables(struct ablate_job *job) {
     if (lstat(path, &about) == 0 && !S_ISREG(about.st_mode))
       return session_fail_with(&job->session, "%s: is no regular file, expected a table of an earlier call, or nothing",
                                path);
-    if (session_keep_inputs(&job->session, path) != 0 || session_distinct(&job->session, path) != 0)
+    if (session_check_not_inputs(&job->session, path) != 0 || session_check_distinct_output(&job->session, path) != 0)
       return EXIT_FAILURE;
   }
   return 0;
@@ -163,14 +163,14 @@ static int check_outputs(struct ablate_job *job) {
       if (lstat(path, &about) == 0 && S_ISLNK(about.st_mode))
         return session_fail_with(&job->session, "%s: is a symbolic link, expected a model of an earlier call", path);
     }
-  if (again) return check_tables(job) != 0 ? EXIT_FAILURE : session_keep_json_out(&job->session, job->folder);
+  if (again) return check_tables(job) != 0 ? EXIT_FAILURE : session_check_json_not_input(&job->session, job->folder);
   for (size_t r = 0; r < job->result.rows; r++)
     for (int seed = 0; seed < job->seeds; seed++)
       if (path_of(job, &job->result.row[r], job->session.seed + (uint64_t)seed, path) != 0 ||
           session_check_outputs(&job->session, job->folder, &(const char *){path + strlen(job->folder) + 1}, 1) != 0)
         return EXIT_FAILURE;
   if (session_check_outputs(&job->session, job->folder, ablation_files, ABLATION_FILES) != 0) return EXIT_FAILURE;
-  return session_keep_json_out(&job->session, job->folder);
+  return session_check_json_not_input(&job->session, job->folder);
 }
 
 static int open_all(struct ablate_job *job, const struct args *args) {

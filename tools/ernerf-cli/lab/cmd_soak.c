@@ -117,7 +117,7 @@ static int run_round(struct soak_job *job, struct soak_round *round) {
   struct soak_data data;
   ern_trainer *trainer = NULL;
   char more[64];
-  soak_bend(&data, &job->data, round, &job->buffers);
+  soak_modify(&data, &job->data, round, &job->buffers);
   round->config.output = job->output;
   round->config.threads = job->session.threads;
   int status = 0;

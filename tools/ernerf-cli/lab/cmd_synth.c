@@ -24,7 +24,7 @@ static int say_progress(void *user, int done, int total) {
 static int make(struct session *session, ern_synth_options *options, const char *folder) {
   struct drawing drawing = {.frames = options->frames};
   const double began = session_seconds();
-  if (session_keep_json_out(session, folder) != 0) return EXIT_FAILURE;
+  if (session_check_json_not_input(session, folder) != 0) return EXIT_FAILURE;
   progress_begin(&drawing.progress, session, "synth", "frames");
   options->seed = session->seed;
   options->progress = say_progress;

@@ -18,11 +18,11 @@ enum { OWN_OPTIONS = 2 };
 static int write_plots(struct tradeoff *t) {
   static const char *const names[TRUTHS][2] = {{"exact.svg", "exact.png"}, {"clip.svg", "clip.png"}};
   int status = 0;
-  for (enum truth truth = 0; truth < TRUTHS; truth++)
+  for (enum reference reference = 0; reference < TRUTHS; reference++)
     for (enum plot_form form = PLOT_SVG; form <= PLOT_PNG && status == 0; form++) {
       struct bytes bytes = {0};
-      if (tradeoff_plot(t, truth, form, &bytes) != 0) bytes.failed = true;
-      status = session_write_in(&t->session, t->folder, names[truth][form], &bytes);
+      if (tradeoff_plot(t, reference, form, &bytes) != 0) bytes.failed = true;
+      status = session_write_in(&t->session, t->folder, names[reference][form], &bytes);
     }
   return status;
 }
@@ -52,12 +52,12 @@ static int write_all(struct tradeoff *t) {
 
 static void print_front(const struct tradeoff *t) {
   size_t order[TRADEOFF_POINTS];
-  const size_t count = tradeoff_front(t, TRUTH_EXACT, order);
+  const size_t count = tradeoff_front(t, REFERENCE_EXACT, order);
   printf("%-44s %21s %9s %18s %18s\n", "the front", "ms a frame (quartiles)", "frames/s", "dB, exact", "dB, clip");
   for (size_t i = 0; i < count; i++) {
     const struct point *p = &t->points[order[i]];
-    const struct mean_and_deviation exact = mean_of(p->db[TRUTH_EXACT], tradeoff_frames(t));
-    const struct mean_and_deviation clip = mean_of(p->db[TRUTH_CLIP], tradeoff_frames(t));
+    const struct mean_and_deviation exact = mean_of(p->db[REFERENCE_EXACT], tradeoff_frames(t));
+    const struct mean_and_deviation clip = mean_of(p->db[REFERENCE_CLIP], tradeoff_frames(t));
     printf("%-44s %8.2f (%.2f-%.2f) %9.1f %10.2f +- %-5.2f %10.3f +- %-5.2f\n", p->name, p->ms.median, p->ms.low,
            p->ms.high, 1000 / p->ms.median, exact.mean, exact.deviation, clip.mean, clip.deviation);
   }

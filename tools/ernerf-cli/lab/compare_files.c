@@ -90,7 +90,7 @@ int compare_files_check(struct compare *c) {
   }
   /* compare_files_open removes the video of a killed comparison */
   if (session_check_outputs(session, c->folder, names, killed ? GROWING : BEGUN) != 0) return EXIT_FAILURE;
-  return session_keep_json_out(session, c->folder);
+  return session_check_json_not_input(session, c->folder);
 }
 
 /* Creates the marker in a folder without compare.json. *killed: a killed comparison left the marker; its video is

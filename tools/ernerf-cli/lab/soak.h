@@ -48,7 +48,7 @@ struct soak_data {
   ern_features features;
   const uint8_t *truth; /* of all frames; NULL: each frame's own */
 };
-void soak_bend(struct soak_data *data, const ern_dataset *clip, const struct soak_round *round,
-               const struct soak_buffers *buffers);
+void soak_modify(struct soak_data *data, const ern_dataset *clip, const struct soak_round *round,
+                 const struct soak_buffers *buffers);
 
 #endif

@@ -157,8 +157,8 @@ static void paint(uint8_t *truth, size_t bytes, const struct soak_round *round) 
   for (size_t i = 0; i < bytes && round->pixels == SOAK_PIXELS_NOISE; i++) truth[i] = (uint8_t)soak_below(&random, 256);
 }
 
-void soak_bend(struct soak_data *data, const ern_dataset *clip, const struct soak_round *round,
-               const struct soak_buffers *buffers) {
+void soak_modify(struct soak_data *data, const ern_dataset *clip, const struct soak_round *round,
+                 const struct soak_buffers *buffers) {
   const ern_features *from = clip->features;
   const size_t count = from->windows * (size_t)from->window_length * (size_t)from->width;
   *data = (struct soak_data){.clip = *clip, .bent = *clip, .round = round, .features = *from};

@@ -18,7 +18,7 @@ enum {
   TRADEOFF_UNITS = 8
 };
 
-enum truth { TRUTH_EXACT, TRUTH_CLIP, TRUTHS };
+enum reference { REFERENCE_EXACT, REFERENCE_CLIP, TRUTHS };
 
 struct point {
   struct settings settings;
@@ -71,6 +71,6 @@ static inline size_t tradeoff_pixels(const struct tradeoff *t) {
   return (size_t)t->evaluation.info.width * (size_t)t->evaluation.info.height;
 }
 /* The points on the Pareto front against a reference, the fastest first. Returns their number. */
-size_t tradeoff_front(const struct tradeoff *t, enum truth truth, size_t order[TRADEOFF_POINTS]);
+size_t tradeoff_front(const struct tradeoff *t, enum reference reference, size_t order[TRADEOFF_POINTS]);
 
 #endif

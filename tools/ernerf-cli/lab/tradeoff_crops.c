@@ -65,7 +65,7 @@ static int add_row(struct tradeoff *t, const char *name, const struct point *poi
   bytes_print_html(page, name);
   if (point != NULL)
     bytes_print(page, "<br><span class=\"q\">%.2f ms (%.2f&ndash;%.2f)<br>this frame: %.2f dB against exact</span>",
-                point->ms.median, point->ms.low, point->ms.high, point->db[TRUTH_EXACT][0]);
+                point->ms.median, point->ms.low, point->ms.high, point->db[REFERENCE_EXACT][0]);
   bytes_print(page, "</td>");
   for (size_t c = 0; c < count; c++) {
     if (add_crop(t, rgb, NULL, &crops[c], page) != 0) return EXIT_FAILURE;
@@ -91,7 +91,7 @@ static int add_clip(struct tradeoff *t, const struct crop *crops, size_t count, 
 int page_crops(struct tradeoff *t, struct bytes *page) {
   struct crop crops[CROPS + 1];
   size_t order[TRADEOFF_POINTS];
-  const size_t count = choose_crops(t, crops), front = tradeoff_front(t, TRUTH_EXACT, order);
+  const size_t count = choose_crops(t, crops), front = tradeoff_front(t, REFERENCE_EXACT, order);
   bytes_print(page,
               "<h2>What that looks like</h2>\n<p>Frame %lld at each point of the front. Differences are those from the "
               "exact render, %d times as bright: one step of 255 is seen as %d.</p>\n"

@@ -5,9 +5,9 @@
 
 static const double colour_steps = 255; /* levels of 8 bits */
 
-const char *tradeoff_standing(const struct point *point, enum truth truth) {
+const char *tradeoff_standing(const struct point *point, enum reference reference) {
   static const char *const names[] = {"front", "dominated", "equal"};
-  return names[point->place[truth].standing];
+  return names[point->place[reference].standing];
 }
 
 /* ---- table ------------------------------------------------------------------------------------------------------- */
@@ -25,12 +25,12 @@ void tradeoff_csv(const struct tradeoff *t, struct bytes *csv) {
     bytes_print(csv, ",%d,%.6g,%.6g,%.6g,%s,%s,%d,%d,%zu,%.4f,%.4f,%.4f,%.3f", s->max_steps,
                 (double)s->transmittance_stop, (double)s->occupancy_threshold, (double)s->image_scale, s->backend,
                 s->isa, s->device, s->threads, p->turns, p->ms.median, p->ms.low, p->ms.high, 1000 / p->ms.median);
-    for (enum truth truth = 0; truth < TRUTHS; truth++) {
-      const struct mean_and_deviation m = mean_of(p->db[truth], tradeoff_frames(t));
+    for (enum reference reference = 0; reference < TRUTHS; reference++) {
+      const struct mean_and_deviation m = mean_of(p->db[reference], tradeoff_frames(t));
       bytes_print(csv, ",%.4f,%.4f", m.mean, m.deviation);
-      if (truth == TRUTH_EXACT) bytes_print(csv, ",%.3f", p->worst * colour_steps);
-      bytes_print(csv, ",%s,", tradeoff_standing(p, truth));
-      bytes_print_csv(csv, t->points[p->place[truth].by].name);
+      if (reference == REFERENCE_EXACT) bytes_print(csv, ",%.3f", p->worst * colour_steps);
+      bytes_print(csv, ",%s,", tradeoff_standing(p, reference));
+      bytes_print_csv(csv, t->points[p->place[reference].by].name);
     }
     bytes_print(csv, "\n");
   }
@@ -38,12 +38,12 @@ void tradeoff_csv(const struct tradeoff *t, struct bytes *csv) {
 
 /* ---- JSON -------------------------------------------------------------------------------------------------------- */
 
-static json_t *truth_json(const struct tradeoff *t, const struct point *p, enum truth truth) {
-  const struct mean_and_deviation m = mean_of(p->db[truth], tradeoff_frames(t));
+static json_t *truth_json(const struct tradeoff *t, const struct point *p, enum reference reference) {
+  const struct mean_and_deviation m = mean_of(p->db[reference], tradeoff_frames(t));
   json_t *db = json_array();
-  for (size_t k = 0; k < tradeoff_frames(t); k++) json_array_append_new(db, json_real(p->db[truth][k]));
+  for (size_t k = 0; k < tradeoff_frames(t); k++) json_array_append_new(db, json_real(p->db[reference][k]));
   return json_pack("{s:f, s:f, s:o, s:s, s:I}", "psnr_db_mean", m.mean, "psnr_db_deviation", m.deviation, "psnr_db", db,
-                   "standing", tradeoff_standing(p, truth), "by", (json_int_t)p->place[truth].by);
+                   "standing", tradeoff_standing(p, reference), "by", (json_int_t)p->place[reference].by);
 }
 
 static json_t *point_json(const struct tradeoff *t, const struct point *p) {
@@ -53,13 +53,13 @@ static json_t *point_json(const struct tradeoff *t, const struct point *p) {
                          p->ms.high, "turns", readings);
   return json_pack("{s:s, s:o, s:f, s:o, s:f, s:f, s:o, s:o}", "name", p->name, "settings", settings_json(&p->settings),
                    "prepare_ms", p->prepared, "ms_per_frame", ms, "fps", 1000 / p->ms.median, "exact_worst_of_255",
-                   p->worst * colour_steps, "exact", truth_json(t, p, TRUTH_EXACT), "clip",
-                   truth_json(t, p, TRUTH_CLIP));
+                   p->worst * colour_steps, "exact", truth_json(t, p, REFERENCE_EXACT), "clip",
+                   truth_json(t, p, REFERENCE_CLIP));
 }
 
-static json_t *front_json(const struct tradeoff *t, enum truth truth) {
+static json_t *front_json(const struct tradeoff *t, enum reference reference) {
   size_t order[TRADEOFF_POINTS];
-  const size_t count = tradeoff_front(t, truth, order);
+  const size_t count = tradeoff_front(t, reference, order);
   json_t *front = json_array();
   for (size_t i = 0; i < count; i++) json_array_append_new(front, json_integer((json_int_t)order[i]));
   return front;
@@ -84,7 +84,7 @@ json_t *tradeoff_json(const struct tradeoff *t) {
                 (json_int_t)t->not_reached[1]);
   return json_pack("{s:s, s:i, s:o, s:o, s:o, s:o, s:o, s:o, s:o}", "format", "ernerf.tradeoff", "version", 1,
                    "machine", machine, "model", model, "clip", clip, "measured", measured, "points", points, "front",
-                   front_json(t, TRUTH_EXACT), "front_clip", front_json(t, TRUTH_CLIP));
+                   front_json(t, REFERENCE_EXACT), "front_clip", front_json(t, REFERENCE_CLIP));
 }
 
 /* ---- plots ------------------------------------------------------------------------------------------------------- */
@@ -97,9 +97,9 @@ struct cloud {
   size_t count;
 };
 
-static void add_to(struct cloud *cloud, const struct tradeoff *t, size_t point, enum truth truth) {
+static void add_to(struct cloud *cloud, const struct tradeoff *t, size_t point, enum reference reference) {
   const struct point *p = &t->points[point];
-  const struct mean_and_deviation m = mean_of(p->db[truth], tradeoff_frames(t));
+  const struct mean_and_deviation m = mean_of(p->db[reference], tradeoff_frames(t));
   const size_t k = cloud->count++;
   cloud->x[k] = p->ms.median;
   cloud->x_low[k] = p->ms.low;
@@ -122,30 +122,30 @@ static struct plot_series series_of(const struct cloud *cloud, const char *name,
                               .mark = mark};
 }
 
-int tradeoff_plot(const struct tradeoff *t, enum truth truth, enum plot_form form, struct bytes *bytes) {
+int tradeoff_plot(const struct tradeoff *t, enum reference reference, enum plot_form form, struct bytes *bytes) {
   static const char *const titles[] = {"What accuracy costs: against the exact render",
                                        "What accuracy costs: against the frames of the clip"};
   static const char *const labels[] = {"PSNR against the exact render, dB (mean of the frames)",
                                        "PSNR against the clip, dB (mean of the frames)"};
   struct cloud clouds[4] = {{.count = 0}};
   size_t order[TRADEOFF_POINTS];
-  const size_t front = tradeoff_front(t, truth, order);
+  const size_t front = tradeoff_front(t, reference, order);
   for (size_t i = 1; i < t->count; i++) {
-    const enum standing standing = t->points[i].place[truth].standing;
-    if (standing != STANDING_FRONT) add_to(&clouds[standing == STANDING_DOMINATED ? 0 : 1], t, i, truth);
+    const enum standing standing = t->points[i].place[reference].standing;
+    if (standing != STANDING_FRONT) add_to(&clouds[standing == STANDING_DOMINATED ? 0 : 1], t, i, reference);
   }
-  for (size_t i = 0; i < front; i++) add_to(&clouds[2], t, order[i], truth);
-  add_to(&clouds[3], t, 0, truth);
+  for (size_t i = 0; i < front; i++) add_to(&clouds[2], t, order[i], reference);
+  add_to(&clouds[3], t, 0, reference);
   struct plot_series series[] = {series_of(&clouds[0], "measurably dominated", 0x9aa4ad, PLOT_DOT),
                                  series_of(&clouds[1], "no better than a point of the front", 0x5b9bd0, PLOT_RING),
                                  series_of(&clouds[2], "front", 0x0b4f8a, PLOT_DOT),
                                  series_of(&clouds[3], t->base_name, 0xc8501e, PLOT_DIAMOND)};
   series[2].line = true;
   series[1].labels = NULL; /* a labelled point lies at the same place */
-  if (t->points[0].place[truth].standing == STANDING_FRONT) series[3].labels = NULL;
-  const struct plot plot = {.title = titles[truth],
+  if (t->points[0].place[reference].standing == STANDING_FRONT) series[3].labels = NULL;
+  const struct plot plot = {.title = titles[reference],
                             .x_label = "milliseconds a frame (median; bars: quartiles), logarithmic",
-                            .y_label = labels[truth],
+                            .y_label = labels[reference],
                             .x_log = true,
                             .width = 980,
                             .height = 580,

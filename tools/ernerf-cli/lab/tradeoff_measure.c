@@ -43,7 +43,7 @@ static int make_renderer(struct tradeoff *t, const struct settings *settings, er
   struct portrait thinned = t->portrait;
   thinned.renderer = *renderer;
   thinned.occupancy_threshold = settings->occupancy_threshold;
-  return portrait_thin(&thinned, &t->session, &t->speech, t->evaluation.features);
+  return portrait_prune_occupancy(&thinned, &t->session, &t->speech, t->evaluation.features);
 }
 
 int tradeoff_measure_draw(struct tradeoff *t, struct point *point, size_t k) {
@@ -111,8 +111,8 @@ static int evaluate_point(struct tradeoff *t, struct point *point) {
       sum += off * off;
       point->worst = fmax(point->worst, off);
     }
-    point->db[TRUTH_EXACT][k] = decibels(sum / (double)values);
-    point->db[TRUTH_CLIP][k] = ern_psnr(t->evaluation.rgb, truth.data, truth.width, truth.height, NULL);
+    point->db[REFERENCE_EXACT][k] = decibels(sum / (double)values);
+    point->db[REFERENCE_CLIP][k] = ern_psnr(t->evaluation.rgb, truth.data, truth.width, truth.height, NULL);
     point->error += sum / (double)values / (double)frames;
   }
   return 0;
@@ -255,22 +255,22 @@ static int take_turns(struct tradeoff *t, double until) {
 static void find_fronts(struct tradeoff *t) {
   struct candidate candidates[TRADEOFF_POINTS];
   struct place places[TRADEOFF_POINTS];
-  for (int truth = 0; truth < TRUTHS; truth++) {
+  for (int reference = 0; reference < TRUTHS; reference++) {
     for (size_t i = 0; i < t->count; i++)
       candidates[i] = (struct candidate){.ms = t->points[i].ms,
                                          .turns = t->points[i].readings,
                                          .turn_count = t->points[i].turns,
-                                         .db = t->points[i].db[truth],
+                                         .db = t->points[i].db[reference],
                                          .changes = t->points[i].changes};
     pareto_find(places, candidates, t->count, tradeoff_frames(t));
-    for (size_t i = 0; i < t->count; i++) t->points[i].place[truth] = places[i];
+    for (size_t i = 0; i < t->count; i++) t->points[i].place[reference] = places[i];
   }
 }
 
-size_t tradeoff_front(const struct tradeoff *t, enum truth truth, size_t order[TRADEOFF_POINTS]) {
+size_t tradeoff_front(const struct tradeoff *t, enum reference reference, size_t order[TRADEOFF_POINTS]) {
   size_t count = 0;
   for (size_t i = 0; i < t->count; i++) {
-    if (t->points[i].place[truth].standing != STANDING_FRONT) continue;
+    if (t->points[i].place[reference].standing != STANDING_FRONT) continue;
     size_t at = count++;
     for (; at > 0 && t->points[order[at - 1]].ms.median > t->points[i].ms.median; at--) order[at] = order[at - 1];
     order[at] = i;

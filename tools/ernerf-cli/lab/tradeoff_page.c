@@ -32,8 +32,8 @@ static const char head[] =
 /* ---- tables ------------------------------------------------------------------------------------------------------ */
 
 static void add_cells(const struct tradeoff *t, const struct point *p, struct bytes *page) {
-  const struct mean_and_deviation exact = mean_of(p->db[TRUTH_EXACT], tradeoff_frames(t));
-  const struct mean_and_deviation clip = mean_of(p->db[TRUTH_CLIP], tradeoff_frames(t));
+  const struct mean_and_deviation exact = mean_of(p->db[REFERENCE_EXACT], tradeoff_frames(t));
+  const struct mean_and_deviation clip = mean_of(p->db[REFERENCE_CLIP], tradeoff_frames(t));
   bytes_print(page, "<td>%.2f <span class=\"q\">(%.2f&ndash;%.2f)</span></td>", p->ms.median, p->ms.low, p->ms.high);
   bytes_print(page, "<td>%.1f <span class=\"q\">(%.1f&ndash;%.1f)</span></td>", 1000 / p->ms.median, 1000 / p->ms.high,
               1000 / p->ms.low);
@@ -75,9 +75,9 @@ static void open_row(const struct tradeoff *t, size_t i, bool asked, struct byte
   bytes_free(&words);
 }
 
-static void add_front(const struct tradeoff *t, enum truth truth, struct bytes *page) {
+static void add_front(const struct tradeoff *t, enum reference reference, struct bytes *page) {
   size_t order[TRADEOFF_POINTS];
-  const size_t count = tradeoff_front(t, truth, order);
+  const size_t count = tradeoff_front(t, reference, order);
   bytes_print(page, "<div class=\"wide\"><table>\n<tr>%s</tr>\n", columns);
   for (size_t i = 0; i < count; i++) {
     open_row(t, order[i], true, page);
@@ -87,9 +87,10 @@ static void add_front(const struct tradeoff *t, enum truth truth, struct bytes *
   bytes_print(page, "</table></div>\n");
 }
 
-static void add_standing(const struct tradeoff *t, const struct point *p, enum truth truth, struct bytes *page) {
+static void add_standing(const struct tradeoff *t, const struct point *p, enum reference reference,
+                         struct bytes *page) {
   static const char *const words[] = {"front", "dominated by ", "no better than "};
-  const struct place *place = &p->place[truth];
+  const struct place *place = &p->place[reference];
   bytes_print(page, "<td class=\"l\">%s", words[place->standing]);
   if (place->standing != STANDING_FRONT) bytes_print_html(page, t->points[place->by].name);
   bytes_print(page, "</td>");
@@ -103,8 +104,8 @@ static void add_all(const struct tradeoff *t, struct bytes *page) {
   for (size_t i = 0; i < t->count; i++) {
     open_row(t, i, false, page);
     add_cells(t, &t->points[i], page);
-    add_standing(t, &t->points[i], TRUTH_EXACT, page);
-    add_standing(t, &t->points[i], TRUTH_CLIP, page);
+    add_standing(t, &t->points[i], REFERENCE_EXACT, page);
+    add_standing(t, &t->points[i], REFERENCE_CLIP, page);
     bytes_print(page, "</tr>\n");
   }
   bytes_print(page, "</table></div>\n");
@@ -171,9 +172,9 @@ static void add_method(const struct tradeoff *t, struct bytes *page) {
               "beside those.</p>\n");
 }
 
-static int add_plot(const struct tradeoff *t, enum truth truth, const char *what, struct bytes *page) {
+static int add_plot(const struct tradeoff *t, enum reference reference, const char *what, struct bytes *page) {
   struct bytes svg = {0};
-  const int status = tradeoff_plot(t, truth, PLOT_SVG, &svg);
+  const int status = tradeoff_plot(t, reference, PLOT_SVG, &svg);
   bytes_print(page, "<img class=\"plot\" alt=\"%s\" src=\"data:image/svg+xml;base64,", what);
   bytes_print_base64(page, svg.data, svg.count);
   bytes_print(page, "\">\n");
@@ -184,10 +185,10 @@ static int add_plot(const struct tradeoff *t, enum truth truth, const char *what
 /* Summarises the front from the slowest to the fastest point. */
 static void add_summary(const struct tradeoff *t, struct bytes *page) {
   size_t order[TRADEOFF_POINTS];
-  const size_t count = tradeoff_front(t, TRUTH_EXACT, order);
+  const size_t count = tradeoff_front(t, REFERENCE_EXACT, order);
   const struct point *fast = &t->points[order[0]], *slow = &t->points[order[count - 1]];
-  const struct mean_and_deviation low = mean_of(fast->db[TRUTH_EXACT], tradeoff_frames(t));
-  const struct mean_and_deviation high = mean_of(slow->db[TRUTH_EXACT], tradeoff_frames(t));
+  const struct mean_and_deviation low = mean_of(fast->db[REFERENCE_EXACT], tradeoff_frames(t));
+  const struct mean_and_deviation high = mean_of(slow->db[REFERENCE_EXACT], tradeoff_frames(t));
   bytes_print(page, "<p>From %.2f ms a frame (quartiles %.2f&ndash;%.2f; ", slow->ms.median, slow->ms.low,
               slow->ms.high);
   bytes_print_html(page, slow->name);
@@ -201,9 +202,9 @@ static void add_summary(const struct tradeoff *t, struct bytes *page) {
 int tradeoff_page_make(struct tradeoff *t, struct bytes *page) {
   bytes_print(page, "%s<h1>What accuracy costs</h1>\n", head);
   add_summary(t, page);
-  int status = add_plot(t, TRUTH_EXACT, "time against the distance from the exact render", page);
+  int status = add_plot(t, REFERENCE_EXACT, "time against the distance from the exact render", page);
   bytes_print(page, "<h2>The front: nothing measured is better than these</h2>\n");
-  add_front(t, TRUTH_EXACT, page);
+  add_front(t, REFERENCE_EXACT, page);
   if (status == 0)
     status = page_crops(t, page);
   else
@@ -212,9 +213,9 @@ int tradeoff_page_make(struct tradeoff *t, struct bytes *page) {
   bytes_print(page,
               "<h2>Against the frames of the clip</h2>\n<p>What a viewer could notice: a model is never its clip, and "
               "how it is drawn may matter less than how it was trained.</p>\n");
-  status = add_plot(t, TRUTH_CLIP, "time against the distance from the clip", page);
+  status = add_plot(t, REFERENCE_CLIP, "time against the distance from the clip", page);
   if (status != 0) return session_fail_with(&t->session, "no memory for a plot");
-  add_front(t, TRUTH_CLIP, page);
+  add_front(t, REFERENCE_CLIP, page);
   bytes_print(page, "<h2>All points</h2>\n");
   add_all(t, page);
   add_machine(t, page);

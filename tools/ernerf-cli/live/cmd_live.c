@@ -50,7 +50,7 @@ static void in_options(struct live_job *job, struct option options[IN_OPTIONS]) 
        .help = "channels of sound without a header (default 1)"},
       {.name = "stay",
        .kind = OPTION_FLAG,
-       .target = &job->sound.stays,
+       .target = &job->sound.keeps_running,
        .help = "when the sound has ended, keep the stream going with the person at rest"},
       {.name = "max-delay",
        .kind = OPTION_SECONDS,
@@ -117,7 +117,7 @@ static void out_options(struct live_job *job, struct option options[OUT_OPTIONS]
                "(default drop; wait with --as-fast)"},
       {.name = "as-fast",
        .kind = OPTION_FLAG,
-       .target = &job->as_fast,
+       .target = &job->unpaced,
        .help = "render each frame as soon as its sound is there, not in real time, with the settings as given"},
       {.name = "duration",
        .kind = OPTION_SECONDS,
@@ -169,12 +169,13 @@ static int check_usage(struct live_job *job, const struct args *args, int slow_r
   if (status < 0) status = check_unlisted(args);
   if (status < 0 && job->commands.path == NULL) status = args_forbid(args, "voice", "is about --control");
   if (status < 0 && rate_value(job->rate) > 100) status = args_refuse(args, "--fps is above 100, expected 1 to 100");
-  if (status < 0 && job->as_fast && rate_control_asked(&job->rate_control))
+  if (status < 0 && job->unpaced && rate_control_asked(&job->rate_control))
     status =
         args_refuse(args, "--as-fast has no frame rate to reach, so --hold-fps, --budget and --quality are not for it");
-  if (status < 0 && job->as_fast && job->sound.url == NULL)
+  if (status < 0 && job->unpaced && job->sound.url == NULL)
     status = args_refuse(args, "--as-fast without --audio would rest without an end");
-  if (status < 0 && job->as_fast && job->sound.stays) status = args_refuse(args, "--as-fast and --stay: choose one");
+  if (status < 0 && job->unpaced && job->sound.keeps_running)
+    status = args_refuse(args, "--as-fast and --stay: choose one");
   if (status < 0) status = label_check(&job->label, args);
   if (status < 0) status = watermark_check(&job->watermark, args);
   if (status < 0) status = control_check(&job->control, args);
@@ -183,7 +184,7 @@ static int check_usage(struct live_job *job, const struct args *args, int slow_r
     status = args_refuse(args, "--json and -o - both take standard output, expected --json FILE.json");
   if (!args_given(args, "max-delay") && job->sound.url != NULL && ern_sound_reader_is_device(job->sound.url))
     job->most_delay = 0.2;
-  job->output.drops = args_given(args, "slow-reader") ? slow_reader == 1 : !job->as_fast;
+  job->output.drops = args_given(args, "slow-reader") ? slow_reader == 1 : !job->unpaced;
   return status;
 }
 
@@ -227,15 +228,15 @@ static int open_portrait(struct live_job *job, const struct args *args) {
 static int open_rate_control(struct live_job *job, const struct args *args) {
   const size_t values = AUDIO_WINDOWS * (size_t)job->features->window_length * (size_t)job->features->width;
   struct rate_control *control = &job->rate_control;
-  if (job->as_fast) return 0;
+  if (job->unpaced) return 0;
   job->look = malloc((size_t)job->size.width * (size_t)job->size.height * 4);
   job->windows = malloc(values * sizeof *job->windows);
   if (job->look == NULL || job->windows == NULL)
     return session_fail_with(&job->session, "no memory for a picture of %d x %d", job->size.width, job->size.height);
   if (!rate_control_asked(control)) control->hold_fps = SPARE * (float)rate_value(job->rate);
-  control->goes_on = true;
+  control->warns_if_unreachable = true;
   return rate_control_open(control, &job->session, args, &job->portrait, &job->poses, job->features, job->size,
-                           live_look, job);
+                           live_calibration_draw, job);
 }
 
 static int open_live(struct live_job *job) {
@@ -248,7 +249,7 @@ static int open_live(struct live_job *job) {
   options.pad = (ern_audio_pad)job->portrait.audio_pad;
   options.silence = job->silence_pose.silence;
   options.silence_code = job->silence_pose.known ? job->silence_pose.code : NULL;
-  options.insert_silence = !job->as_fast;
+  options.insert_silence = !job->unpaced;
   return ern_live_open(job->session.context, &options, &job->live) == ERN_OK ? 0 : session_fail(&job->session);
 }
 
@@ -270,7 +271,7 @@ static int open_all(struct live_job *job, const struct args *args) {
   job->portrait.render.frame_rate = (float)rate_value(job->rate);
   if (status == 0) status = open_portrait(job, args);
   if (status == 0) status = open_poses(job, args);
-  if (status == 0) status = portrait_thin(&job->portrait, session, &job->poses, job->features);
+  if (status == 0) status = portrait_prune_occupancy(&job->portrait, session, &job->poses, job->features);
   if (status == 0)
     status = background_open(&job->background, session, job->background_file, job->portrait.clip, job->size.width,
                              job->size.height, (ern_fit)job->fit);
@@ -302,7 +303,7 @@ static json_t *about_output(const struct live_job *job) {
                    session_text(slash != NULL ? slash + 1 : job->output.url), "frames",
                    (json_int_t)atomic_load(&job->output.written), "drawn", (json_int_t)job->drawn, "rate", rate,
                    "width", job->size.width, "height", job->size.height, "sound", true, "rate_control",
-                   job->as_fast ? json_null() : rate_control_json(&job->rate_control));
+                   job->unpaced ? json_null() : rate_control_json(&job->rate_control));
 }
 
 static int finish(struct live_job *job, int status) {
@@ -320,7 +321,7 @@ static int finish(struct live_job *job, int status) {
   const unsigned long long written = atomic_load(&job->output.written);
   session_note(session, "live: %llu frames written, %llu repeated, %llu left out: %s", written,
                (unsigned long long)job->repeated, atomic_load(&job->output.left_out), job->output.url);
-  if (!job->as_fast) rate_control_summary(&job->rate_control, 0);
+  if (!job->unpaced) rate_control_summary(&job->rate_control, 0);
   if (session_report(session, live_statistics(job)) != 0) return EXIT_FAILURE;
   if (mute) return EXIT_FAILURE; /* already reported */
   if (stopped && job->output.cut)
@@ -399,7 +400,7 @@ int cmd_live(int argc, char **argv) {
       job->portrait.model_path, job->portrait.source.path, job->background_file, job->rate_control.front,
       job->sound.url != NULL && is_file(job->sound.url) ? job->sound.url : NULL};
   memcpy(job->session.inputs, inputs, sizeof inputs);
-  if (job->sound.url == NULL) job->sound.stays = true;
+  if (job->sound.url == NULL) job->sound.keeps_running = true;
   if (status < 0) status = session_open(&job->session, &args);
   if (status < 0) {
     status = open_all(job, &args);

@@ -19,7 +19,7 @@ static void refuse(struct live_job *job, const char *reason) {
 static void say(struct live_job *job, bool speaks, const char *rest) {
   if (rest[0] == 0)
     refuse(job, speaks ? "say: expected a text" : "play: expected a file");
-  else if (job->sound.url != NULL && !job->sound.stays)
+  else if (job->sound.url != NULL && !job->sound.keeps_running)
     refuse(job, "say and play: with --audio they need --stay, and are heard after its sound");
   else if (!live_sound_say(&job->sound, speaks, rest))
     refuse(job, "say and play: 32 of them wait already");

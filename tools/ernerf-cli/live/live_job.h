@@ -44,14 +44,14 @@ struct live_job {
   int look_ahead;    /* frames at 25 fps */
   double seconds;    /* duration; 0: unlimited */
   double most_delay; /* seconds of sound that may be queued; 0: unlimited */
-  bool as_fast; /* draw each frame as soon as its sound has arrived, always with the settings of the command line */
+  bool unpaced; /* draw each frame as soon as its sound has arrived, always with the settings of the command line */
   /* made */
   struct background background;
   struct frame_source poses;    /* the clip's poses forward and backward: one period, then its first frame again */
   struct frame_source now;      /* the one frame to draw; its `frame` is that of `poses` */
   struct source_frame place;    /* the frame of `now` */
   const ern_features *features; /* the clip's, to time settings on */
-  float *windows;               /* scratch for live_look */
+  float *windows;               /* scratch for live_calibration_draw */
   uint8_t *look;
   ern_live *live;
   /* running state */
@@ -67,7 +67,7 @@ struct live_job {
  * Returns 0, or EXIT_FAILURE after a message. */
 int live_run(struct live_job *job);
 /* A rate_control_draw that times settings: draws frame k of the clip's poses with the clip's speech. */
-int live_look(void *user, ern_renderer *renderer, size_t k, float *rgb);
+int live_calibration_draw(void *user, ern_renderer *renderer, size_t k, float *rgb);
 /* Executes a line of --control and answers it. */
 void live_command(struct live_job *job, const char *line);
 /* Statistics so far; NULL without memory. */

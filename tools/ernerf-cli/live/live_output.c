@@ -46,13 +46,13 @@ static void count_late(struct live_output *output, double due) {
 static ern_status serve(struct live_output *output) {
   ern_status status = output->writer != NULL ? ERN_OK : open_stream(output);
   while (status == ERN_OK) {
-    const int place = queue_item(&output->queue);
-    if (place == QUEUE_OVER) break;
+    const int place = queue_wait_for_item(&output->queue);
+    if (place == QUEUE_CLOSED) break;
     const struct live_picture *picture = &output->pictures[place];
     status = ern_stream_writer_frame(output->writer, picture->repeat ? NULL : picture->rgba, picture->sound,
                                      picture->samples);
     if (status == ERN_OK) count_late(output, picture->due);
-    queue_empty(&output->queue);
+    queue_pop(&output->queue);
   }
   return status;
 }
@@ -67,11 +67,11 @@ static void *write_frames(void *user) {
     if (status == ERN_OK) return NULL;
     output->cut = status == ERN_E_CANCELLED && was_open;
     if (status == ERN_E_CANCELLED && is_over(output)) break;
-    if (!output->listens || status != ERN_E_IO) {
+    if (!output->serves_http || status != ERN_E_IO) {
       keep_error(output);
       break;
     }
-    while (!queue_is_empty(&output->queue)) queue_empty(&output->queue); /* stale for the next reader */
+    while (!queue_is_empty(&output->queue)) queue_pop(&output->queue); /* stale for the next reader */
   }
   queue_break(&output->queue);
   return NULL;
@@ -97,7 +97,7 @@ int live_output_open(struct live_output *output, struct session *session, struct
                      int sound_rate, int channels) {
   output->session = session;
   output->context = session->context;
-  output->listens = strncmp(output->url, "http://", 7) == 0;
+  output->serves_http = strncmp(output->url, "http://", 7) == 0;
   output->options = ern_stream_options_default(size.width, size.height);
   output->options.format = output->format;
   output->options.rate_numerator = rate.numerator;
@@ -111,7 +111,7 @@ int live_output_open(struct live_output *output, struct session *session, struct
   atomic_store(&output->stop_at, INFINITY);
   queue_make(&output->queue, LIVE_PICTURES);
   if (make_pictures(output, (size_t)((double)sound_rate / rate_value(rate)) + 2) != 0) return EXIT_FAILURE;
-  if (!output->listens && open_stream(output) != ERN_OK)
+  if (!output->serves_http && open_stream(output) != ERN_OK)
     return session_interrupted() ? session_stop_with(session, "stopped before %s had a reader", output->url)
                                  : session_fail(session);
   atomic_store(&output->running, true);
@@ -123,22 +123,22 @@ int live_output_open(struct live_output *output, struct session *session, struct
 struct live_picture *live_output_next(struct live_output *output, bool *failed) {
   *failed = false;
   const bool has_place = queue_has_slot(&output->queue);
-  if (output->listens && !atomic_load(&output->open) && has_place) return NULL;
+  if (output->serves_http && !atomic_load(&output->open) && has_place) return NULL;
   if (!has_place && output->drops) {
     atomic_fetch_add(&output->left_out, 1);
     return NULL;
   }
   const int place = queue_wait_for_slot(&output->queue);
-  *failed = place == QUEUE_OVER;
+  *failed = place == QUEUE_CLOSED;
   return *failed ? NULL : &output->pictures[place];
 }
 
-void live_output_put(struct live_output *output) { queue_fill(&output->queue); }
+void live_output_put(struct live_output *output) { queue_push(&output->queue); }
 
 /* patience: seconds to wait for the reader. */
 static void stop_writer(struct live_output *output, double patience) {
   if (!atomic_load(&output->running)) return;
-  if (output->listens && !atomic_load(&output->open)) patience = 0;
+  if (output->serves_http && !atomic_load(&output->open)) patience = 0;
   atomic_store(&output->stop_at, session_seconds() + patience);
   queue_end(&output->queue);
   (void)pthread_join(output->thread, NULL);

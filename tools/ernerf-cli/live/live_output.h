@@ -35,7 +35,7 @@ struct live_output {
   struct live_picture pictures[LIVE_PICTURES];
   struct bounded_queue queue;
   pthread_t thread;
-  bool listens;           /* HTTP server: serves one reader after another */
+  bool serves_http;       /* HTTP server: serves one reader after another */
   atomic_bool running;    /* the thread runs */
   atomic_bool open;       /* a reader is connected */
   _Atomic double stop_at; /* from this time (session_seconds) on, stop waiting for readers */

@@ -42,7 +42,7 @@ static int find_torso(struct live_job *job, const uint8_t **torso) {
 static int draw(struct live_job *job, const ern_live_frame *frame, uint8_t *rgba) {
   const uint8_t *torso;
   float refined[16];
-  ern_renderer *renderer = !job->as_fast ? rate_control_renderer(&job->rate_control) : job->portrait.renderer;
+  ern_renderer *renderer = !job->unpaced ? rate_control_renderer(&job->rate_control) : job->portrait.renderer;
   if (renderer == NULL || find_torso(job, &torso) != 0) return EXIT_FAILURE;
   const ern_frame_input input = input_of(job, &job->now, 0, refined, torso);
   const ern_frame_output output = {.rgba = rgba};
@@ -51,7 +51,7 @@ static int draw(struct live_job *job, const ern_live_frame *frame, uint8_t *rgba
   return 0;
 }
 
-int live_look(void *user, ern_renderer *renderer, size_t k, float *rgb) {
+int live_calibration_draw(void *user, ern_renderer *renderer, size_t k, float *rgb) {
   struct live_job *job = user;
   float refined[16];
   ern_frame_input input = input_of(job, &job->poses, k, refined, NULL);
@@ -102,7 +102,7 @@ static int make_frame(struct live_job *job, const ern_live_frame *frame, bool la
   if (picture == NULL) return 0;
   picture->repeat = late && job->drawn > 0;
   picture->samples = frame->samples;
-  picture->due = job->as_fast ? session_seconds() : due_of(job);
+  picture->due = job->unpaced ? session_seconds() : due_of(job);
   memcpy(picture->sound, frame->sound, frame->samples * (size_t)job->sound.channels * sizeof(float));
   if (!picture->repeat && draw(job, frame, picture->rgba) != 0) return EXIT_FAILURE;
   if (!picture->repeat && watermark_put(&job->watermark, &job->session, picture->rgba) != 0) return EXIT_FAILURE;
@@ -111,7 +111,7 @@ static int make_frame(struct live_job *job, const ern_live_frame *frame, bool la
   live_output_put(&job->output);
   const double done = session_seconds();
   count_time(&job->to_frame, frame->waiting + 1 / rate_value(job->rate) + done - pulled);
-  if (!picture->repeat && !job->as_fast) {
+  if (!picture->repeat && !job->unpaced) {
     rate_control_took(&job->rate_control, 1000 * (done - pulled));
     rate_control_late(&job->rate_control, 1000 * (done - due_of(job) - 1 / rate_value(job->rate)));
   }
@@ -140,15 +140,15 @@ int live_run(struct live_job *job) {
   job->began = session_seconds();
   for (bool ended = false; !ended && !session_interrupted() && !job->quits && job->frames < most;) {
     const ern_live_frame *frame = NULL;
-    if (!job->as_fast) sleep_until(due_of(job));
+    if (!job->unpaced) sleep_until(due_of(job));
     apply_control(job);
-    if (ern_live_pull(job->live, job->as_fast ? 0.1 : 0, &frame, &ended) != ERN_OK) return session_fail(&job->session);
+    if (ern_live_pull(job->live, job->unpaced ? 0.1 : 0, &frame, &ended) != ERN_OK) return session_fail(&job->session);
     if (frame == NULL) continue;
     if (job->most_delay > 0 && frame->waiting > job->most_delay + (job->look_ahead + 1) / (double)RATE_CLIP) {
       job->skipped++;
       continue;
     }
-    const bool late = !job->as_fast && session_seconds() > due_of(job) + period;
+    const bool late = !job->unpaced && session_seconds() > due_of(job) + period;
     if (make_frame(job, frame, late) != 0) return EXIT_FAILURE;
     job->frames++;
   }
@@ -158,7 +158,7 @@ int live_run(struct live_job *job) {
 /* ---- figures ----------------------------------------------------------------------------------------------------- */
 
 json_t *live_statistics(const struct live_job *job) {
-  const bool controls = !job->as_fast;
+  const bool controls = !job->unpaced;
   json_t *late = json_pack("{s:f, s:f, s:f}", "p50", live_output_late(&job->output, 0.5), "p99",
                            live_output_late(&job->output, 0.99), "worst", live_output_late(&job->output, 1));
   json_t *to_frame = json_pack("{s:f, s:f, s:f}", "p50", time_of(&job->to_frame, 0.5), "p99",

@@ -61,7 +61,7 @@ static ern_status play(struct live_sound *sound, const char *url, bool own) {
   for (size_t frames = 1; status == ERN_OK && frames > 0;) {
     status = ern_sound_reader_read(reader, samples, piece, &frames);
     if (status == ERN_OK && frames > 0) status = push(sound, samples, frames, own);
-    atomic_fetch_add(&sound->heard, status == ERN_OK ? frames : 0);
+    atomic_fetch_add(&sound->samples_pushed, status == ERN_OK ? frames : 0);
   }
   ern_sound_reader_free(&reader);
   free(samples);
@@ -127,10 +127,11 @@ static void *read_sound(void *user) {
   if (sound->url != NULL) {
     const ern_status status = play(sound, sound->url, true);
     if (status != ERN_OK && status != ERN_E_CANCELLED) atomic_store(&sound->failed, true);
-    if (!sound->stays) end(sound); /* before `over` is set: after that, a frame without sound gets silence */
-    atomic_store(&sound->over, true);
+    if (!sound->keeps_running)
+      end(sound); /* before `input_ended` is set: after that, a frame without sound gets silence */
+    atomic_store(&sound->input_ended, true);
   }
-  for (char *utterance = NULL; sound->stays && (utterance = await_utterance(sound)) != NULL; free(utterance)) {
+  for (char *utterance = NULL; sound->keeps_running && (utterance = await_utterance(sound)) != NULL; free(utterance)) {
     if (utterance[0] == 't')
       speak(sound, utterance + 1);
     else
@@ -161,7 +162,7 @@ void live_sound_await(const struct live_sound *sound, unsigned long long samples
   const struct timespec pause = {0, 2000000};
   struct stat there;
   if (sound->url == NULL || stat(sound->url, &there) != 0 || !S_ISREG(there.st_mode)) return;
-  while (atomic_load(&sound->heard) < samples && !atomic_load(&sound->over) && !session_interrupted())
+  while (atomic_load(&sound->samples_pushed) < samples && !atomic_load(&sound->input_ended) && !session_interrupted())
     (void)nanosleep(&pause, NULL);
 }
 
@@ -188,7 +189,7 @@ static void clear_utterances(struct live_sound *sound) {
 void live_sound_cancel(struct live_sound *sound) {
   (void)pthread_mutex_lock(&sound->mutex);
   clear_utterances(sound);
-  sound->skip = sound->url == NULL || atomic_load(&sound->over); /* an input of the command line continues */
+  sound->skip = sound->url == NULL || atomic_load(&sound->input_ended); /* an input of the command line continues */
   (void)pthread_mutex_unlock(&sound->mutex);
   if (ern_live_cancel(sound->live) != ERN_OK) remember_error(sound);
 }

@@ -16,8 +16,8 @@ struct live_sound {
   /* from the command line */
   const char *url, *format; /* url NULL: no input; format NULL: detected */
   int format_rate, format_channels;
-  const char *voice; /* a voice of espeak-ng */
-  bool stays;        /* the stream continues with silence after the input has ended */
+  const char *voice;  /* a voice of espeak-ng */
+  bool keeps_running; /* the stream continues with silence after the input has ended */
   /* made */
   struct session *session;
   ern_context *context;
@@ -30,10 +30,10 @@ struct live_sound {
   bool stop, skip;                  /* end the program; end the current item. Guarded by the mutex */
   char *utterance[LIVE_UTTERANCES]; /* files to play ("f...") and texts to say ("t..."), the oldest first */
   size_t utterance_count;
-  char *error;         /* message of the last input that failed; guarded by the mutex */
-  atomic_bool failed;  /* the input of the command line failed */
-  atomic_bool over;    /* the input of the command line has been played */
-  atomic_ullong heard; /* number of samples pushed so far */
+  char *error;                  /* message of the last input that failed; guarded by the mutex */
+  atomic_bool failed;           /* the input of the command line failed */
+  atomic_bool input_ended;      /* the input of the command line has been played */
+  atomic_ullong samples_pushed; /* number of samples pushed so far */
 };
 
 /* Starts the thread, which pushes sound of `rate` and `channels` into `live`. Returns 0, or EXIT_FAILURE after a

@@ -52,8 +52,9 @@ int provenance_check(struct provenance *provenance, struct session *session, con
   if (bytes >= (int)capacity) return session_fail_with(session, "%s: the name is too long", output);
   if (!is_own(provenance->path)) return session_check_output(session, provenance->path);
   provenance->replaces = true;
-  return session_keep_inputs(session, provenance->path) == 0 ? session_distinct(session, provenance->path)
-                                                             : EXIT_FAILURE;
+  return session_check_not_inputs(session, provenance->path) == 0
+             ? session_check_distinct_output(session, provenance->path)
+             : EXIT_FAILURE;
 }
 
 /* {"file": NAME, "sha256": ...}, without the folder, which is private. */

@@ -227,7 +227,8 @@ static bool write_picture(struct sink *sink, const struct sink_picture *picture)
 
 static void *writer_main(void *argument) {
   struct sink *sink = argument;
-  for (int place = queue_item(&sink->queue); place != QUEUE_OVER; place = queue_item(&sink->queue)) {
+  for (int place = queue_wait_for_item(&sink->queue); place != QUEUE_CLOSED;
+       place = queue_wait_for_item(&sink->queue)) {
     const double began = session_seconds();
     const bool written = write_picture(sink, &sink->pictures[place]);
     sink->seconds += session_seconds() - began;
@@ -235,7 +236,7 @@ static void *writer_main(void *argument) {
       queue_break(&sink->queue);
       break;
     }
-    queue_empty(&sink->queue);
+    queue_pop(&sink->queue);
   }
   return NULL;
 }
@@ -332,8 +333,8 @@ static int report_error(const struct sink *sink, struct session *session) {
 }
 
 int sink_next(struct sink *sink, struct session *session, ern_frame_output *output) {
-  const int place = sink->running ? queue_wait_for_slot(&sink->queue) : QUEUE_OVER;
-  if (place == QUEUE_OVER) {
+  const int place = sink->running ? queue_wait_for_slot(&sink->queue) : QUEUE_CLOSED;
+  if (place == QUEUE_CLOSED) {
     end_writer(sink);
     return report_error(sink, session);
   }
@@ -349,9 +350,9 @@ int sink_next(struct sink *sink, struct session *session, ern_frame_output *outp
 
 void sink_put(struct sink *sink, size_t number) {
   const int place = queue_wait_for_slot(&sink->queue); /* the place of sink_next */
-  if (place == QUEUE_OVER) return;                     /* the next sink_next reports the error */
+  if (place == QUEUE_CLOSED) return;                   /* the next sink_next reports the error */
   sink->pictures[place].number = number;
-  queue_fill(&sink->queue);
+  queue_push(&sink->queue);
 }
 
 int sink_close(struct sink *sink, struct session *session) {

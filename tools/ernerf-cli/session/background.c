@@ -214,12 +214,12 @@ static void *reader_main(void *argument) {
   struct background *background = argument;
   for (size_t k = 0; k < background->frame_source->count; k++) {
     const int place = queue_wait_for_slot(&background->queue);
-    if (place == QUEUE_OVER) return NULL;
+    if (place == QUEUE_CLOSED) return NULL;
     const double began = session_seconds();
     const bool read = read_torso(background, &background->frame_source->source_frame[k], background->torso[place]);
     background->seconds += session_seconds() - began;
     if (!read) break;
-    queue_fill(&background->queue);
+    queue_push(&background->queue);
   }
   queue_end(&background->queue);
   return NULL;
@@ -254,10 +254,10 @@ static void end_reader(struct background *background) {
 
 int background_next_torso(struct background *background, struct session *session, const uint8_t **rgba) {
   *rgba = NULL;
-  if (background->holding) queue_empty(&background->queue);
-  const int place = queue_item(&background->queue);
-  background->holding = place != QUEUE_OVER;
-  if (place == QUEUE_OVER) {
+  if (background->holding) queue_pop(&background->queue);
+  const int place = queue_wait_for_item(&background->queue);
+  background->holding = place != QUEUE_CLOSED;
+  if (place == QUEUE_CLOSED) {
     end_reader(background);
     return session_fail_with(session, "%s", background->error != NULL ? background->error : "no more torso pictures");
   }

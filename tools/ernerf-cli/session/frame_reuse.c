@@ -7,7 +7,7 @@
 
 enum {
   LONG_ENOUGH = 50, /* frames with a still camera: classifying its rays takes as long as 16 frames */
-  MOST_MOMENTS = 256,
+  MOST_SPEECH_FRAMES = 256,
   AUDIO_WINDOWS = 8
 };
 
@@ -35,7 +35,7 @@ int frame_reuse_check(const struct args *args) {
 }
 
 /* Frames of the longest run of one pose. */
-static size_t longest_stand(const struct frame_source *frame_source) {
+static size_t longest_still_run(const struct frame_source *frame_source) {
   size_t longest = 0, run = 0;
   for (size_t k = 0; k < frame_source->count; k++) {
     const struct source_frame *source_frame = &frame_source->source_frame[k];
@@ -50,11 +50,11 @@ static size_t longest_stand(const struct frame_source *frame_source) {
 int frame_reuse_open(struct frame_reuse *frame_reuse, struct portrait *portrait, struct session *session,
                      const struct frame_source *frame_source, const ern_features *features) {
   const size_t values = (size_t)AUDIO_WINDOWS * (size_t)features->window_length * (size_t)features->width;
-  const size_t count = frame_source->count < MOST_MOMENTS ? frame_source->count : MOST_MOMENTS;
-  float eyes[MOST_MOMENTS];
+  const size_t count = frame_source->count < MOST_SPEECH_FRAMES ? frame_source->count : MOST_SPEECH_FRAMES;
+  float eyes[MOST_SPEECH_FRAMES];
   if (frame_reuse->off) return 0;
-  frame_reuse->stands = longest_stand(frame_source) >= LONG_ENOUGH;
-  if (!frame_reuse->stands || frame_reuse->levels <= 0) {
+  frame_reuse->camera_is_still = longest_still_run(frame_source) >= LONG_ENOUGH;
+  if (!frame_reuse->camera_is_still || frame_reuse->levels <= 0) {
     const ern_status status = ern_renderer_reuse_rays(portrait->renderer, NULL, features->window_length, NULL, 0, 0);
     return status == ERN_OK ? 0 : session_fail(session);
   }
@@ -74,7 +74,7 @@ int frame_reuse_open(struct frame_reuse *frame_reuse, struct portrait *portrait,
 json_t *frame_reuse_report(const struct frame_reuse *frame_reuse, const struct portrait *portrait) {
   const ern_ray_reuse_work work = ern_renderer_ray_reuse_work(portrait->renderer);
   if (frame_reuse->off || work.frames == 0) return json_null();
-  const double frames = (double)work.frames, levels = frame_reuse->stands ? (double)frame_reuse->levels : 0;
+  const double frames = (double)work.frames, levels = frame_reuse->camera_is_still ? (double)frame_reuse->levels : 0;
   return json_pack("{s:o, s:o, s:o}", "bound", session_number(levels), "rays", session_number(work.rays / frames),
                    "samples", session_number(work.samples / frames));
 }
@@ -83,7 +83,7 @@ void frame_reuse_say(const struct frame_reuse *frame_reuse, const struct portrai
                      size_t capacity) {
   const ern_ray_reuse_work work = ern_renderer_ray_reuse_work(portrait->renderer);
   text[0] = 0;
-  if (frame_reuse->off || !frame_reuse->stands || work.frames == 0) return;
+  if (frame_reuse->off || !frame_reuse->camera_is_still || work.frames == 0) return;
   snprintf(text, capacity, ", %.1f %% of rays and %.1f %% of samples rendered again",
            100 * work.rays / (double)work.frames, 100 * work.samples / (double)work.frames);
 }

@@ -12,7 +12,7 @@ struct frame_reuse {
   float levels; /* largest error of a pixel, in levels of 255 */
   bool off;
   /* made */
-  bool stands; /* the camera is still for enough frames for rays to be reused */
+  bool camera_is_still; /* the camera is still for enough frames for rays to be reused */
 };
 
 enum { FRAME_REUSE_OPTIONS = 2 };

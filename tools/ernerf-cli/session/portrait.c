@@ -10,7 +10,7 @@
 
 #include "ernerf/speech.h"
 
-enum { MOMENTS = 6, AUDIO_WINDOWS = 8 };
+enum { SPEECH_FRAMES = 6, AUDIO_WINDOWS = 8 };
 
 /* Costs less than 0.01 dB on every measured clip, and saves a sixth of the samples (docs/history-rendering.md). */
 static const float TRANSMITTANCE_STOP = 3e-3f;
@@ -222,20 +222,20 @@ int portrait_open(struct portrait *portrait, struct session *session, const stru
 }
 
 /* Samples moments over the whole speech, with eye values from open to closed regardless of the frames' own. */
-int portrait_thin(struct portrait *portrait, struct session *session, const struct frame_source *frame_source,
-                  const ern_features *features) {
+int portrait_prune_occupancy(struct portrait *portrait, struct session *session,
+                             const struct frame_source *frame_source, const ern_features *features) {
   const size_t values = (size_t)AUDIO_WINDOWS * (size_t)features->window_length * (size_t)features->width;
-  float eyes[MOMENTS];
+  float eyes[SPEECH_FRAMES];
   if (portrait->occupancy_threshold <= 0 || frame_source->count == 0) return 0;
-  float *windows = malloc(MOMENTS * values * sizeof *windows);
-  if (windows == NULL) return session_fail_with(session, "no memory for %d moments of the speech", MOMENTS);
-  for (size_t k = 0; k < MOMENTS; k++) {
-    frame_source_windows(frame_source, (frame_source->count - 1) * k / (MOMENTS - 1), features,
+  float *windows = malloc(SPEECH_FRAMES * values * sizeof *windows);
+  if (windows == NULL) return session_fail_with(session, "no memory for %d frames of the speech", SPEECH_FRAMES);
+  for (size_t k = 0; k < SPEECH_FRAMES; k++) {
+    frame_source_windows(frame_source, (frame_source->count - 1) * k / (SPEECH_FRAMES - 1), features,
                          (ern_audio_pad)portrait->audio_pad, windows + k * values);
     eyes[k] = (float)(k % 3) / 2;
   }
   const ern_status status = ern_renderer_prune_occupancy(portrait->renderer, windows, features->window_length, eyes,
-                                                         MOMENTS, portrait->occupancy_threshold);
+                                                         SPEECH_FRAMES, portrait->occupancy_threshold);
   free(windows);
   return status == ERN_OK ? 0 : session_fail(session);
 }

@@ -43,8 +43,8 @@ void portrait_close(struct portrait *portrait);
 
 /* With --occupancy_threshold, prunes occupancy cells whose density is below it at moments sampled from these frames.
  * Returns 0, or EXIT_FAILURE after a message. */
-int portrait_thin(struct portrait *portrait, struct session *session, const struct frame_source *frame_source,
-                  const ern_features *features);
+int portrait_prune_occupancy(struct portrait *portrait, struct session *session,
+                             const struct frame_source *frame_source, const ern_features *features);
 
 /* If the model has a camera refinement and frame k is a clip's, puts the refined pose of the head into `refined` and
  * returns it; else NULL. */

@@ -140,7 +140,7 @@ static int read_front(struct rate_control *g, struct dimensions size, bool *foun
   struct pareto_front front = {0};
   char why[256] = "";
   *found = false;
-  int status = session_keep(g->session, g->source, g->session->json);
+  int status = session_check_not_input(g->session, g->source, g->session->json);
   if (status == 0) status = pareto_read(&front, g->session, g->source);
   if (status == 0) status = compare(g, &front, size, why);
   if (status == 0 && why[0] != 0 && g->front != NULL) status = session_fail_with(g->session, "%s: %s", g->source, why);
@@ -211,7 +211,7 @@ int rate_control_open(struct rate_control *g, struct session *session, const str
   if (g->quality >= 0) keep_quality(g);
   for (size_t i = 0; i < g->count; i++) g->cost[i] = g->rung[i].ms;
   ern_rate_controller_begin(&g->controller, g->cost, g->count, budget_of(g));
-  if (!ern_rate_controller_holds(&g->controller) && !g->goes_on) return refuse_budget(g);
+  if (!ern_rate_controller_holds(&g->controller) && !g->warns_if_unreachable) return refuse_budget(g);
   if (!ern_rate_controller_holds(&g->controller))
     session_warn(session,
                  "no settings reach %.4g frames a second on this machine: the fastest, \"%s\", take %.1f ms a frame",

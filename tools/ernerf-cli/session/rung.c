@@ -45,5 +45,5 @@ int rung_make(struct rate_control *g, struct rung *rung) {
   struct portrait thinned = *g->portrait;
   thinned.renderer = rung->renderer;
   thinned.occupancy_threshold = rung->settings.occupancy_threshold;
-  return portrait_thin(&thinned, g->session, g->frame_source, g->features);
+  return portrait_prune_occupancy(&thinned, g->session, g->frame_source, g->features);
 }

@@ -395,7 +395,7 @@ static bool place_of(const char *path, char place[PLACE_BYTES]) {
   return found;
 }
 
-int session_distinct(struct session *session, const char *output) {
+int session_check_distinct_output(struct session *session, const char *output) {
   char place[PLACE_BYTES] = "", node[64] = "";
   const char *const keys[] = {place, node};
   struct stat about;
@@ -415,7 +415,7 @@ int session_distinct(struct session *session, const char *output) {
   return 0;
 }
 
-int session_keep_json_out(struct session *session, const char *folder) {
+int session_check_json_not_input(struct session *session, const char *folder) {
   char place[PLACE_BYTES], inside[PLACE_BYTES], name[PLACE_BYTES];
   if (session->json == NULL || session_json_on_stdout(session)) return 0;
   if (snprintf(name, sizeof name, "%s/.", folder) >= (int)sizeof name) return 0;
@@ -452,19 +452,20 @@ static int keep_clip(struct session *session, const char *clip, const char *outp
   return 0;
 }
 
-int session_keep(struct session *session, const char *input, const char *output) {
+int session_check_not_input(struct session *session, const char *input, const char *output) {
   struct stat about;
   if (input == NULL || output == NULL || stat(input, &about) != 0) return 0;
   return S_ISDIR(about.st_mode) ? keep_clip(session, input, output) : keep_file(session, input, output);
 }
 
-int session_keep_inputs(struct session *session, const char *output) {
+int session_check_not_inputs(struct session *session, const char *output) {
   int status = 0;
-  for (size_t i = 0; status == 0 && i < SESSION_INPUTS; i++) status = session_keep(session, session->inputs[i], output);
+  for (size_t i = 0; status == 0 && i < SESSION_INPUTS; i++)
+    status = session_check_not_input(session, session->inputs[i], output);
   return status;
 }
 
-int session_keep_folder(struct session *session, const char *folder) {
+int session_check_folder_has_no_input(struct session *session, const char *folder) {
   for (size_t i = 0; i < SESSION_INPUTS; i++)
     if (session->inputs[i] != NULL && session_lies_in(session->inputs[i], folder))
       return session_fail_with(session,
@@ -501,7 +502,8 @@ bool session_folder_there(const char *path) {
 int session_check_output(struct session *session, const char *path) {
   struct stat about;
   if (!session_folder_there(path)) return session_fail_with(session, "%s: its folder is not there", path);
-  if (session_keep_inputs(session, path) != 0 || session_distinct(session, path) != 0) return EXIT_FAILURE;
+  if (session_check_not_inputs(session, path) != 0 || session_check_distinct_output(session, path) != 0)
+    return EXIT_FAILURE;
   if (!session->overwrite && stat(path, &about) == 0 && S_ISREG(about.st_mode))
     return session_fail_with(session, "%s: is there already; --overwrite (-y) replaces it", path);
   return ern_file_check_output(session->context, path) == ERN_OK ? 0 : session_fail(session);
@@ -514,7 +516,7 @@ int session_check_outputs(struct session *session, const char *folder, const cha
   for (size_t i = 0; i < count; i++) {
     if (snprintf(path, sizeof path, "%s/%s", folder, names[i]) >= (int)sizeof path)
       return session_fail_with(session, "%s: the name is too long", folder);
-    const int status = there ? session_check_output(session, path) : session_distinct(session, path);
+    const int status = there ? session_check_output(session, path) : session_check_distinct_output(session, path);
     if (status != 0) return EXIT_FAILURE;
   }
   return 0;
@@ -523,11 +525,12 @@ int session_check_outputs(struct session *session, const char *folder, const cha
 int session_check_training(struct session *session, const char *path) {
   char folder[4096];
   if (!session_folder_there(path)) return session_fail_with(session, "%s: its folder is not there", path);
-  if (session_keep_inputs(session, path) != 0 || session_distinct(session, path) != 0) return EXIT_FAILURE;
+  if (session_check_not_inputs(session, path) != 0 || session_check_distinct_output(session, path) != 0)
+    return EXIT_FAILURE;
   if (snprintf(folder, sizeof folder, "%.*s.run", (int)(strlen(path) - strlen(".safetensors")), path) >=
       (int)sizeof folder)
     return session_fail_with(session, "%s: the name is too long", path);
-  return session_keep_json_out(session, folder);
+  return session_check_json_not_input(session, folder);
 }
 
 int session_folder(struct session *session, const char *path) {

@@ -110,15 +110,15 @@ json_t *session_whole(uint64_t value);
 
 /* Fails if `output` is the file `input` or a file of the clip `input`, even under another name, or if it lies in a
  * picture folder of the clip. NULL: none. */
-int session_keep(struct session *session, const char *input, const char *output);
+int session_check_not_input(struct session *session, const char *input, const char *output);
 /* The same for all inputs. */
-int session_keep_inputs(struct session *session, const char *output);
+int session_check_not_inputs(struct session *session, const char *output);
 /* Fails if `output` resolves to the same file, existing or not, as an output that was checked before. */
-int session_distinct(struct session *session, const char *output);
+int session_check_distinct_output(struct session *session, const char *output);
 /* Fails if the file of --json lies in the folder, existing or not, into which the verb writes. */
-int session_keep_json_out(struct session *session, const char *folder);
+int session_check_json_not_input(struct session *session, const char *folder);
 /* Fails if an input lies in the folder, whose files will be replaced. Returns 0, or EXIT_FAILURE after a message. */
-int session_keep_folder(struct session *session, const char *folder);
+int session_check_folder_has_no_input(struct session *session, const char *folder);
 /* Whether `path` is a symbolic link; if so, warns that the file is not written. For files whose names the training
  * chooses. */
 bool session_skips_link(struct session *session, const char *path);

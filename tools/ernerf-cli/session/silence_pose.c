@@ -149,7 +149,7 @@ static float weight_of(const struct silence_pose *pose, const struct source_fram
   return pose->weight[row < 0 ? 0 : row > last ? last : row];
 }
 
-float silence_pose_of(const struct silence_pose *pose, const struct frame_source *frame_source, size_t k) {
+float silence_pose_weight(const struct silence_pose *pose, const struct frame_source *frame_source, size_t k) {
   if (!pose->known || pose->weight == NULL) return 0;
   const float from = weight_of(pose, frame_source_before(frame_source, k)),
               to = weight_of(pose, frame_source_after(frame_source, k));
@@ -158,6 +158,6 @@ float silence_pose_of(const struct silence_pose *pose, const struct frame_source
 
 size_t silence_pose_count(const struct silence_pose *pose, const struct frame_source *frame_source) {
   size_t count = 0;
-  for (size_t k = 0; k < frame_source->count; k++) count += silence_pose_of(pose, frame_source, k) > 0;
+  for (size_t k = 0; k < frame_source->count; k++) count += silence_pose_weight(pose, frame_source, k) > 0;
   return count;
 }

@@ -28,7 +28,7 @@ int silence_pose_open(struct silence_pose *pose, struct session *session, const 
 void silence_pose_free(struct silence_pose *pose);
 
 /* Weight of the silence code in frame k, 0..1. */
-float silence_pose_of(const struct silence_pose *pose, const struct frame_source *frame_source, size_t k);
+float silence_pose_weight(const struct silence_pose *pose, const struct frame_source *frame_source, size_t k);
 /* Number of frames in which that weight is above 0. */
 size_t silence_pose_count(const struct silence_pose *pose, const struct frame_source *frame_source);
 

@@ -119,7 +119,8 @@ static int join(struct join_job *job) {
   struct session *session = &job->session;
   int status = session_check_output(session, job->out);
   if (status == 0) status = list_segments(job);
-  for (size_t k = 0; k < job->count && status == 0; k++) status = session_keep(session, job->segments[k], job->out);
+  for (size_t k = 0; k < job->count && status == 0; k++)
+    status = session_check_not_input(session, job->segments[k], job->out);
   if (status == 0) status = read_says(job);
   if (status == 0) status = provenance_check(&job->provenance, session, job->out);
   if (status == 0) status = check_frames(job);

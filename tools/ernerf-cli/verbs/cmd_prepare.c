@@ -55,7 +55,7 @@ static int make(struct prepare_job *job) {
   struct prepare_library library = {0};
   ern_prepare_result result = {0};
   const double began = session_seconds();
-  if (session_keep_json_out(session, job->folder) != 0) return EXIT_FAILURE;
+  if (session_check_json_not_input(session, job->folder) != 0) return EXIT_FAILURE;
   if (prepare_library_load(&library, session) != 0) return EXIT_FAILURE;
   const uint32_t cookie = library.options.cookie, size = library.options.size;
   ern_prepare_options *options = &job->options;
@@ -146,7 +146,7 @@ int cmd_prepare(int argc, char **argv) {
                           .target = &job.only,
                           .choices = only_choices,
                           .help = "this step alone, also where it was done already"}};
-  struct option brought[] = {
+  struct option supplied[] = {
       {.name = "detector",
        .kind = OPTION_TEXT,
        .target = &o->detector,
@@ -195,8 +195,8 @@ int cmd_prepare(int argc, char **argv) {
                       .words = words,
                       .word_count = 1,
                       .groups = {{"The clip:", own, sizeof own / sizeof *own},
-                                 {"Your own files or networks, in place of what a step computes:", brought,
-                                  sizeof brought / sizeof *brought},
+                                 {"Your own files or networks, in place of what a step computes:", supplied,
+                                  sizeof supplied / sizeof *supplied},
                                  {"Output:", output, SESSION_OUTPUT_OPTIONS}}};
   session_output_options(&job.session, output);
   int status = args_parse(&args, argc, argv);

@@ -296,7 +296,7 @@ static ern_status draw_frame(struct render_job *job, ern_renderer *renderer, siz
                                  .background = job->background.image.data,
                                  .torso = torso,
                                  .silence_code = job->silence_pose.code,
-                                 .silence_weight = silence_pose_of(&job->silence_pose, &job->frame_source, k)};
+                                 .silence_weight = silence_pose_weight(&job->silence_pose, &job->frame_source, k)};
   return ern_renderer_frame(renderer, &input, output, times);
 }
 
@@ -306,7 +306,7 @@ static int fail_frame(struct render_job *job, size_t k) {
 }
 
 /* For the rate control's calibration: without the clip's torso picture, which takes the same time with all settings. */
-static int draw_look(void *user, ern_renderer *renderer, size_t k, float *rgb) {
+static int draw_for_calibration(void *user, ern_renderer *renderer, size_t k, float *rgb) {
   struct render_job *job = user;
   const ern_frame_output output = {.rgba = job->look, .rgb = rgb};
   return draw_frame(job, renderer, k, NULL, &output, NULL) == ERN_OK ? 0 : fail_frame(job, k);
@@ -318,7 +318,7 @@ static int open_rate_control(struct render_job *job, const struct args *args) {
   if (job->look == NULL)
     return session_fail_with(&job->session, "no memory for a picture of %d x %d", job->size.width, job->size.height);
   return rate_control_open(&job->rate_control, &job->session, args, &job->portrait, &job->frame_source, job->features,
-                           job->size, draw_look, job);
+                           job->size, draw_for_calibration, job);
 }
 
 static int draw(struct render_job *job, size_t k) {
@@ -365,7 +365,7 @@ static int open_all(struct render_job *job, const struct args *args) {
   if (status == 0) status = silence_pose_open(&job->silence_pose, session, &job->portrait, job->features);
   if (status == 0) status = open_frames(job, args);
   if (status == 0) status = sink_check(&job->sink, session, &job->frame_source);
-  if (status == 0) status = portrait_thin(&job->portrait, &job->session, &job->frame_source, job->features);
+  if (status == 0) status = portrait_prune_occupancy(&job->portrait, &job->session, &job->frame_source, job->features);
   if (status == 0)
     status = frame_reuse_open(&job->frame_reuse, &job->portrait, &job->session, &job->frame_source, job->features);
   if (status == 0 && job->size.width == 0)

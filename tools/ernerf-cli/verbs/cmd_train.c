@@ -169,7 +169,7 @@ static void fill_config(struct train_job *job, const struct args *args) {
   fine_stage_choose(&job->fine, args, job->has_state, config);
   if (job->paper) follow_paper(args, config);
   if (job->paper) fine_stage_follow_paper(&job->fine, args, config);
-  if (args_given(args, "precision") && !job->torso_follows) /* that torso's is fp32 */
+  if (args_given(args, "precision") && !job->trains_torso_next) /* that torso's is fp32 */
     config->precision = (ern_precision)(ERN_PRECISION_FP32 + job->precision);
   config->head = job->head;
   config->backbone = (ern_backbone)job->backbone;
@@ -180,7 +180,7 @@ static void fill_config(struct train_job *job, const struct args *args) {
     inherit_model(args, &job->from, !asks_auto(job), config);
     if (config->from != NULL && !args_given(args, "ind_num") && config->codes > 0 && (size_t)config->codes < frames)
       config->codes = (int)frames; /* has more frames */
-    inherit_view(args, &job->from, job->from.has_torso || job->has_state, config, &job->scale);
+    inherit_camera_settings(args, &job->from, job->from.has_torso || job->has_state, config, &job->scale);
   }
   if (job->head != NULL) inherit_head(args, job->head, config, &job->scale);
   choose_parts(job, args);
@@ -319,7 +319,7 @@ static int open_all(struct train_job *job, const struct args *args) {
   if (session_backend(session) != ERN_OK) return session_fail(session);
   if (ern_trainer_create(&job->trainer, session->backend, &dataset, &job->config) != ERN_OK)
     return session_fail(session);
-  return session->rank == 0 ? session_keep_folder(session, ern_trainer_folder(job->trainer)) : 0;
+  return session->rank == 0 ? session_check_folder_has_no_input(session, ern_trainer_folder(job->trainer)) : 0;
 }
 
 /* ---- running ----------------------------------------------------------------------------------------------------- */
@@ -395,7 +395,7 @@ static int run(struct train_job *job) {
   else
     session_note(session, "train: all %" PRIu64 " steps were done before; %s is written again", job->config.iters,
                  job->config.output);
-  const bool more = job->torso_follows && !job->config.torso;
+  const bool more = job->trains_torso_next && !job->config.torso;
   return more || session->rank > 0 ? 0 : session_report(session, report(job));
 }
 
@@ -420,8 +420,8 @@ static int train_portrait(struct train_job *job, const struct args *args) {
   const ern_train_config asked = job->config;
   int status = head_and_torso_check(job);
   if (status == 0) status = train(job, args);
-  if (status != 0 || !job->torso_follows) return status;
-  head_and_torso_turn(job, &asked);
+  if (status != 0 || !job->trains_torso_next) return status;
+  head_and_torso_switch_to_torso(job, &asked);
   return train(job, args);
 }
 

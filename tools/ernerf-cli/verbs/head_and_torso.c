@@ -17,7 +17,7 @@ static int resume_torso(struct train_job *job, const ern_train_state *head, cons
     job->head_seconds = head->budget;
     return 0;
   }
-  job->torso_anew = true;
+  job->restarts_torso = true;
   if (session->overwrite) return 0;
   if (!same)
     return session_fail_with(session,
@@ -66,7 +66,7 @@ int head_and_torso_check(struct train_job *job) {
   snprintf(job->head_output, bytes, "%.*s.head.safetensors", (int)stem, output);
   if (session_check_training(session, job->head_output) != 0) return EXIT_FAILURE;
   snprintf(folder, sizeof folder, "%.*s.run", (int)stem, output);
-  if (session_keep_folder(session, folder) != 0) return EXIT_FAILURE;
+  if (session_check_folder_has_no_input(session, folder) != 0) return EXIT_FAILURE;
   return job->config.resume ? resume_portrait(job) : 0;
 }
 
@@ -81,17 +81,17 @@ int head_and_torso_plan(struct train_job *job, const struct args *args) {
                              "%s: its training is that of a head alone, and this one adds a torso; expected --resume "
                              "without --time, --effects without torso, or another -o",
                              job->portrait);
-  job->torso_follows = true;
+  job->trains_torso_next = true;
   job->config.torso_output = job->portrait;
   job->config.output = job->head_output;
   job->config.seconds = job->head_seconds > 0 ? job->head_seconds : HEAD_SHARE * job->seconds;
   return 0;
 }
 
-void head_and_torso_turn(struct train_job *job, const ern_train_config *asked) {
+void head_and_torso_switch_to_torso(struct train_job *job, const ern_train_config *asked) {
   job->config = *asked;
   job->config.torso = true;
-  job->config.resume = asked->resume && !job->torso_anew;
+  job->config.resume = asked->resume && !job->restarts_torso;
   job->config.from = NULL;
   job->config.frames_per_step = 1; /* the option is the head's, as --precision is */
   job->head_path = job->head_output;

@@ -22,7 +22,7 @@ int head_and_torso_plan(struct train_job *job, const struct args *args);
 
 /* Switches the job from the head to its torso. If the torso has no saved state, it takes the settings of the state that
  * the head was resumed from. asked: the configuration of the command line. */
-void head_and_torso_turn(struct train_job *job, const ern_train_config *asked);
+void head_and_torso_switch_to_torso(struct train_job *job, const ern_train_config *asked);
 
 /* Without --time: fails if X has no saved state but X.head.safetensors has one. Such a portrait was begun with --time,
  * and without it a new head would begin under the name X. */

@@ -14,8 +14,8 @@ void inherit_model(const struct args *args, const ern_model_info *model, bool ch
   if (!args_given(args, "eye-attention")) config->eye_attention = model->eye_attention;
 }
 
-void inherit_view(const struct args *args, const ern_model_info *model, bool torso, ern_train_config *config,
-                  float *scale) {
+void inherit_camera_settings(const struct args *args, const ern_model_info *model, bool torso, ern_train_config *config,
+                             float *scale) {
   if (!model->has_view_settings) return;
   if (!args_given(args, "scale")) *scale = model->scale;
   if (!args_given(args, "dt_gamma")) config->dt_gamma = model->dt_gamma;
@@ -27,7 +27,7 @@ void inherit_view(const struct args *args, const ern_model_info *model, bool tor
 void inherit_head(const struct args *args, const ern_model *head, ern_train_config *config, float *scale) {
   ern_model_info info;
   ern_model_describe(head, &info);
-  inherit_view(args, &info, false, config, scale);
+  inherit_camera_settings(args, &info, false, config, scale);
 }
 
 void inherit_state(const struct args *args, const ern_train_state *state, const ern_model_info *model,

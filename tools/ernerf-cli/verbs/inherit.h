@@ -13,8 +13,8 @@
 void inherit_model(const struct args *args, const ern_model_info *model, bool chosen, ern_train_config *config);
 
 /* Copies the camera settings of the model where its file has them; torso: those of its torso too. */
-void inherit_view(const struct args *args, const ern_model_info *model, bool torso, ern_train_config *config,
-                  float *scale);
+void inherit_camera_settings(const struct args *args, const ern_model_info *model, bool torso, ern_train_config *config,
+                             float *scale);
 
 /* Copies the camera settings of the head below which a torso is trained. */
 void inherit_head(const struct args *args, const ern_model *head, ern_train_config *config, float *scale);

@@ -28,13 +28,13 @@ struct train_job {
   struct clip_source source;
   const char *head_path, *effects_list, *consent; /* consent: the text, or the name of its file */
   char consent_text[ERN_CONSENT_BYTES];
-  double seconds;       /* of --time, 0: none */
-  const char *portrait; /* with --time: --output */
-  char *head_output;    /* with --time: the file of the head; its torso goes to --output */
-  double head_seconds;  /* training time of a finished head, which is not changed; 0: HEAD_SHARE of `seconds` */
-  bool head_alone;      /* the resumed training is of a head alone, written to --output */
-  bool torso_anew;      /* the saved torso belongs to another head: the torso starts anew */
-  bool torso_follows;   /* this call trains a head and its torso */
+  double seconds;         /* of --time, 0: none */
+  const char *portrait;   /* with --time: --output */
+  char *head_output;      /* with --time: the file of the head; its torso goes to --output */
+  double head_seconds;    /* training time of a finished head, which is not changed; 0: HEAD_SHARE of `seconds` */
+  bool head_alone;        /* the resumed training is of a head alone, written to --output */
+  bool restarts_torso;    /* the saved torso belongs to another head: the torso starts anew */
+  bool trains_torso_next; /* this call trains a head and its torso */
   bool paper;
   struct speech_augmentation speech;
   struct validations validations;
