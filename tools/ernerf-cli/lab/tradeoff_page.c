@@ -151,8 +151,8 @@ static void add_method(const struct tradeoff *t, struct bytes *page) {
               "PSNR is of the whole picture, 100 dB where nothing differs. A point is better in time where the mean "
               "ratio by turn is further from 1 than its standard error allows at 99&nbsp;%% and than a hundredth, "
               "and in quality where the mean difference by frame is further from 0 than its standard error allows at "
-              "95&nbsp;%% and than 0.01 dB. The (Pareto) front holds the settings that no other betters in time or "
-              "quality without being worse in the other.");
+              "95&nbsp;%% and than 0.01 dB. Settings dominate others where they are better in time or quality and not "
+              "worse in the other. The Pareto front holds the settings that no others dominate.");
   if (t->not_reached[0] > 0)
     bytes_print(page, " <b>For lack of time %zu settings were not tried.</b>", t->not_reached[0]);
   if (t->not_reached[1] > 0)
