@@ -1,4 +1,4 @@
-# The texts of OpenCL kernels as arrays of C: cmake -DNAMES="a;b" -DFOLDER=... -DOUTPUT=... -P embed_kernels.cmake
+# Writes the texts of OpenCL kernels as C arrays: cmake -DNAMES="a;b" -DFOLDER=... -DOUTPUT=... -P embed_kernels.cmake
 set(text "#include <stddef.h>\n")
 foreach(name IN LISTS NAMES)
   file(READ ${FOLDER}/${name}.cl bytes HEX)

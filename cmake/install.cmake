@@ -21,7 +21,7 @@ install(
   RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR}
   LIBRARY DESTINATION ${CMAKE_INSTALL_LIBDIR}
   ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR})
-foreach(library ernerf-media-impl ernerf-vision ernerf-perceptual ernerf-mpi) # libernerf-media and the program open them, users do not link them
+foreach(library ernerf-media-impl ernerf-vision ernerf-perceptual ernerf-mpi) # loaded at run time by libernerf-media and the program; users do not link them
   if(TARGET ${library})
     set_target_properties(${library} PROPERTIES INSTALL_RPATH "$ORIGIN")
     install(TARGETS ${library} LIBRARY DESTINATION ${CMAKE_INSTALL_LIBDIR} NAMELINK_SKIP)
@@ -30,7 +30,7 @@ endforeach()
 if(TARGET ernerf-prepare)
   install(TARGETS ernerf-prepare EXPORT ernerf-targets LIBRARY DESTINATION ${CMAKE_INSTALL_LIBDIR})
 endif()
-if(TARGET ernerf-probe-opencl) # libernerf starts it, users do not
+if(TARGET ernerf-probe-opencl) # started by libernerf, not by users
   install(TARGETS ernerf-probe-opencl RUNTIME DESTINATION ${CMAKE_INSTALL_LIBDIR}/ernerf)
 endif()
 install(DIRECTORY ${PROJECT_SOURCE_DIR}/include/ernerf DESTINATION ${CMAKE_INSTALL_INCLUDEDIR} FILES_MATCHING PATTERN *.h)
@@ -38,7 +38,7 @@ install(DIRECTORY ${PROJECT_SOURCE_DIR}/include/ernerf DESTINATION ${CMAKE_INSTA
 install(FILES ${PROJECT_SOURCE_DIR}/LICENSE ${PROJECT_SOURCE_DIR}/README.md ${PROJECT_SOURCE_DIR}/NEWS.md
         DESTINATION ${CMAKE_INSTALL_DOCDIR})
 install(DIRECTORY ${PROJECT_SOURCE_DIR}/docs ${PROJECT_SOURCE_DIR}/examples DESTINATION ${CMAKE_INSTALL_DOCDIR})
-install(DIRECTORY ${PROJECT_SOURCE_DIR}/data/tiny DESTINATION ${CMAKE_INSTALL_DATADIR}/ernerf) # a clip to try things on
+install(DIRECTORY ${PROJECT_SOURCE_DIR}/data/tiny DESTINATION ${CMAKE_INSTALL_DATADIR}/ernerf) # an example clip
 
 set(package_folder ${CMAKE_INSTALL_LIBDIR}/cmake/ernerf)
 install(EXPORT ernerf-targets NAMESPACE ernerf:: DESTINATION ${package_folder})
@@ -48,8 +48,8 @@ write_basic_package_version_file(${PROJECT_BINARY_DIR}/ernerf-config-version.cma
 install(FILES ${PROJECT_BINARY_DIR}/ernerf-config.cmake ${PROJECT_BINARY_DIR}/ernerf-config-version.cmake
         DESTINATION ${package_folder})
 
-# pkg-config: paths relative to the .pc file, so that an installed tree may be moved. Who links a shared library needs
-# nothing of what it was built with; who links a static one needs all of it.
+# pkg-config: paths relative to the .pc file, so that an installed tree may be moved. A program that
+# links a shared library needs none of its dependencies; one that links a static library needs all of them.
 set(pc_folder ${CMAKE_INSTALL_LIBDIR}/pkgconfig)
 file(RELATIVE_PATH pc_prefix /prefix/${pc_folder} /prefix)
 set(pc_engine_needs "")
@@ -74,7 +74,7 @@ foreach(library ${pc_names})
   install(FILES ${PROJECT_BINARY_DIR}/${library}.pc DESTINATION ${pc_folder})
 endforeach()
 
-# An archive that runs where it is unpacked, by anybody: libraries are found by $ORIGIN.
+# A relocatable archive: it runs wherever it is unpacked, because libraries are found by $ORIGIN.
 set(CPACK_GENERATOR TGZ)
 set(CPACK_PACKAGE_NAME ernerf)
 set(CPACK_PACKAGE_VENDOR ernerf)

@@ -1,5 +1,5 @@
-# The kernels of backend_cpu/simd are compiled once for each instruction set, whose name is ERN_ISA_NAME (simd/isa.h); the
-# choice between them is made at run time. Appends to engine_objects.
+# The kernels of backend_cpu/simd are compiled once for each instruction set, whose name is ERN_ISA_NAME (simd/isa.h).
+# The library selects one at run time. Appends to engine_objects.
 set(ERN_X86_KERNELS OFF)
 set(ERN_ARM_KERNELS OFF)
 set(simd ${CMAKE_CURRENT_SOURCE_DIR}/backend_cpu/simd)
@@ -15,7 +15,7 @@ if(CMAKE_SYSTEM_PROCESSOR MATCHES "^(x86_64|AMD64)$" AND NOT ERNERF_REF_ONLY)
   ern_instruction_set(avx2 "${simd_sources}" -mavx2 -mfma)
   set(avx512 -mavx512f -mavx512dq -mavx512bw -mavx512vl -mfma -mprefer-vector-width=512)
   ern_instruction_set(avx512 "${simd_sources}" ${avx512})
-  # pairs of bf16 in rendering, and in training where it is asked for
+  # bf16 pairs in rendering, and in training on request
   ern_instruction_set(avx512bf16 "${simd}/render.c;${simd}/step.c;${simd}/peak_avx512bf16.c" ${avx512} -mavx512bf16)
   target_compile_definitions(ernerf_avx512bf16 PRIVATE ERN_TILE_PAIRS)
   list(APPEND engine_objects ernerf_avx2 ernerf_avx512 ernerf_avx512bf16)

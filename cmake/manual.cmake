@@ -1,5 +1,5 @@
-# Pages of the manual and the completion of shells, which the program prints itself, and the page of the file formats, which
-# is docs/formats.md and the two documents beside it. Not for a machine that the building one cannot run programs of.
+# Manual pages and shell completions, which the program itself prints, and the page of the file formats, made from
+# docs/formats.md and the two documents beside it. Left out when cross compiling without an emulator.
 if(CMAKE_CROSSCOMPILING AND NOT CMAKE_CROSSCOMPILING_EMULATOR)
   return()
 endif()

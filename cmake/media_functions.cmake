@@ -24,7 +24,7 @@ foreach(header IN LISTS HEADERS)
     if(name MATCHES "${LIGHT}")
       continue()
     endif()
-    # to names: of a callback that in the inner parentheses, of all others the last word
+    # parameters to their names: the one in the inner parentheses for a callback, else the last word
     string(REGEX REPLACE "\\(\\*([a-z_]+)\\)\\([^)]*\\)" "\\1" plain "${parameters}")
     string(REGEX REPLACE "\\[[^]]*\\]" "" plain "${plain}")
     string(REGEX REPLACE "[^,]*[ *]([a-z_0-9]+)(,|$)" "\\1\\2" arguments "${plain}")
@@ -38,7 +38,7 @@ foreach(header IN LISTS HEADERS)
     else()
       set(context NULL)
       set(empty "")
-      if(", ${plain}" MATCHES ", ern_context \\*context(,|$)") # without one there is an object, so the library is there
+      if(", ${plain}" MATCHES ", ern_context \\*context(,|$)") # a function without a context takes an object, so the library is loaded already
         set(context context)
         string(REGEX MATCHALL "(^|, )ern_[a-z_]+ \\*\\*?[a-z_]+" outputs "${plain}")
         foreach(output IN LISTS outputs)

@@ -1,4 +1,4 @@
-# Every target of ours is built with the same warnings; ERNERF_WERROR makes them errors (CI).
+# Every target of this project is built with the same warnings; ERNERF_WERROR makes them errors (CI).
 function(ern_warnings target)
   target_compile_options(
     ${target} PRIVATE -Wall -Wextra -Wconversion -Wshadow -Wvla $<$<COMPILE_LANGUAGE:C>:-Wstrict-prototypes>

@@ -89,7 +89,7 @@ def _pointer(array):
 
 
 def _set(struct, name, value, where):
-    """A member of a struct, checked: ctypes itself cuts numbers off."""
+    """Sets a member of a struct, checked: ctypes itself truncates numbers without an error."""
     kind = dict(struct._fields_)[name]
     label = f"{where}: {name}"
     if kind is ctypes.c_char_p:
@@ -138,8 +138,8 @@ def _described(describe, handle, kind):
 
 @contextlib.contextmanager
 def _interrupts(raised):
-    """Within it Ctrl-C appends a KeyboardInterrupt to `raised`. Python would raise it at the beginning of a callback, and
-    what a callback raises there ctypes prints and drops. A program's own handler of SIGINT stays."""
+    """In this context Ctrl-C appends a KeyboardInterrupt to `raised`. Python would raise it at the beginning of a
+    callback, where ctypes prints and drops exceptions. A program's own handler of SIGINT stays."""
     if (threading.current_thread() is not threading.main_thread()
             or signal.getsignal(signal.SIGINT) is not signal.default_int_handler):
         yield
@@ -177,7 +177,7 @@ class _Object:
         if not self.closed or self._users:
             return
         try:
-            free, handle = self._held.pop()  # in one thread alone
+            free, handle = self._held.pop()  # only one thread gets it
         except IndexError:
             return
         free(ctypes.byref(handle))
@@ -201,7 +201,7 @@ class _Object:
 
 
 class _Memory:
-    """Memory of an object's, for an array that keeps the object from being freed."""
+    """An object's memory as an array, which keeps the object from being freed."""
 
     def __init__(self, owner, pointer, shape, writable=False):
         address = ctypes.cast(pointer, ctypes.c_void_p).value
@@ -216,9 +216,9 @@ class _Memory:
 
 
 class Context(_Object):
-    """Where errors and the log go; all other objects are made from one.
+    """Receives errors and the log; all other objects are made from one.
 
-    library: the file of libernerf; None: that of the environment variable ERNERF_LIBRARY, else the system's.
+    library: the file of libernerf; None: the file that ERNERF_LIBRARY names, else the one that the loader finds.
     log: called with a LogLevel and a line, perhaps in several threads.
     keep_files: a function that writes a file does not replace one.
     """
@@ -305,7 +305,7 @@ def _features_struct(array, name):
 
 
 class Backend(_Object):
-    """Where models are computed; options: name, isa, device, deterministic, tune (struct ern_backend_config)."""
+    """A backend that computes models; options: name, isa, device, deterministic, tune (struct ern_backend_config)."""
 
     def __init__(self, context, **options):
         engine, handle = context._engine, ctypes.c_void_p()
@@ -339,7 +339,7 @@ class Model(_Object):
         self._context._call(self._context._engine.ern_model_save, self._handle, _path(path, "path"))
 
     def tensors(self):
-        """Its tensors by name, in read-only arrays: those that save() writes, of a file that is removed at once."""
+        """The model's tensors by name, as read-only arrays: those that save() writes. Uses a temporary file."""
         with tempfile.TemporaryDirectory() as folder:
             path = os.path.join(folder, "model.safetensors")
             self.save(path)
@@ -470,7 +470,7 @@ class Trainer(_Object):
 
     @property
     def report(self):
-        """Where the training stands: step, iters and seconds."""
+        """The training's progress: step, iters and seconds."""
         return _described(self._context._engine.ern_trainer_describe_sized, self._handle, _c.TrainReport)
 
     def step(self):
@@ -513,7 +513,7 @@ class Trainer(_Object):
         self._context._call(self._context._engine.ern_trainer_save, self._handle)
 
     def model(self):
-        """A copy of the Model as it stands."""
+        """A copy of the Model in its current state."""
         handle = ctypes.c_void_p()
         self._context._call(self._context._engine.ern_trainer_model, self._handle, ctypes.byref(handle))
         return Model.__new__(Model)._keep(self._context, handle)

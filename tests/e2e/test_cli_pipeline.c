@@ -211,8 +211,8 @@ static void test_render_memory(void **state) {
   make_tiny();
   /* more frames than the encoder looks ahead; head and torso: the head alone takes less */
   snprintf(cli.line, sizeof cli.line,
-           "render whole.safetensors --clip '%s/data/tiny' --backend cpu --threads 2 --size 450x450 --frames 0:20 -o "
-           "tiny.mp4 -y --quiet",
+           "render whole.safetensors --clip '%s/data/tiny' --backend cpu --threads 2 --size 450x450 --frames 0:20 "
+           "--transmittance_stop 0.3 -o tiny.mp4 -y --quiet",
            getenv("ERNERF_SOURCE"));
   cli_start(&cli, NULL, 0);
   const size_t peak = peak_of(cli.pid, "RssAnon");

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * Output activations. A group works on one row (samples.cl). */
 
-/* exp may become infinite, the quotient is then 0 */
+/* exp may overflow to infinity; the quotient is then 0 */
 static inline floatw sigmoid(floatw x) { return 1 / (1 + exp(-x)); }
 
 /* s(x) (1 - s(x)) = e/(1 + e)^2 with e = exp(-|x|): without cancellation where s is near 1 */
@@ -10,14 +10,15 @@ static inline floatw sigmoid_slope(floatw x) {
   return e / ((1 + e) * (1 + e));
 }
 
-/* NaN stays one. */
+/* NaN stays NaN. */
 static inline floatw clamp_above(floatw x, float high) { return WHERE(x > high, high, x); }
 static inline floatw clamp_below(floatw x, float low) { return WHERE(x < low, low, x); }
 
 /* log(1 + exp(x)) = max(x, 0) + log(1 + exp(-|x|)) */
 static inline floatw softplus(floatw x) { return clamp_below(x, 0) + log1p(exp(-fabs(x))); }
 
-/* y, x: rows; group = row*blocks + block. One kernel a kind, as ern_activation has them: y as a function of x. */
+/* y, x: rows; group = row*blocks + block. One kernel for each kind of ern_activation: `value` is y as a function of
+ * `from` = x. */
 #define ACTIVATE_FWD(kind, value)                                                                \
   KERNEL activate_fwd_##kind(ROWS(float, y), ROWS(const float, x), uint blocks, ulong n) {       \
     OPEN(float, y);                                                                              \
@@ -34,7 +35,7 @@ ACTIVATE_FWD(sigmoid, sigmoid(from))
 ACTIVATE_FWD(softplus, softplus(from))
 ACTIVATE_FWD(relu, clamp_below(from, 0))
 
-/* dx from x and `by` = dy; dx may be the same rows as dy. */
+/* `value` is dx as a function of `from` = x and `by` = dy; dx may be the same rows as dy. */
 #define ACTIVATE_BWD(kind, value)                                                                        \
   KERNEL activate_bwd_##kind(ROWS(float, dx), ROWS(const float, dy), ROWS(const float, x), uint blocks,  \
                              ulong n) {                                                                  \

@@ -1,15 +1,16 @@
 /* SPDX-License-Identifier: MIT
  * Region attention (paper eq. 6-8): region_c = v_c code_c, norm = sqrt(sum_c v_c^2), region_eye = eye * eye_attention. */
 
-/* The samples of an item: vector k is WIDTH of them from i on. */
+/* Loops over the samples of an item: vector k holds WIDTH of them, from i on. */
 #define EACH_VECTOR(i, k)                                                                        \
   for (ulong k = 0, i = get_global_id(0) * ITEM; k < VECTORS && i < n; k++, i += WIDTH)
 
-/* region: [channels] rows, v: as many, or one for all of them, or none (values); norm, region_eye, eye_attention: [n]; code: [channels]
+/* region: [channels] rows; v: as many rows, or one for all channels, or none (`values` is their number); norm,
+ * region_eye, eye_attention: [n]; code: [channels]
  *
- * The reference adds the squares in double. Here the largest |v_c| decides on one of three scales, with which no square
- * overflows and none that counts underflows, and the sum carries what its additions and products round off: it is
- * good to 2^-40, and the norm to one unit. */
+ * The reference sums the squares in double. Here the largest |v_c| selects one of three scale factors, so that no
+ * square overflows and no significant square underflows. The sum is compensated: `lost` collects the rounding errors of
+ * its products and additions. It is accurate to 2^-40, and the norm to one unit in the last place. */
 KERNEL attention_fwd(ROWS(float, region), SPAN(float, norm), SPAN(float, region_eye), ROWS(const float, v),
                      SPAN(const float, code), SPAN(const float, eye_attention), float eye, uint channels, uint values,
                      ulong n) {
@@ -40,24 +41,24 @@ KERNEL attention_fwd(ROWS(float, region), SPAN(float, norm), SPAN(float, region_
   }
   EACH_VECTOR(i, k) {
     const floatw inverse = WHERE(most[k] > 0x1p50f, 0x1p70f, WHERE(most[k] < 0x1p-40f, 0x1p-90f, 1));
-    /* of infinite values, what was lost is no number */
+    /* where the sum is not finite, `lost` is NaN */
     if (norm) storew_first(norm + i, sqrt(WHERE(isfinite(sum[k]), sum[k] + lost[k], sum[k])) * inverse, n - i);
     if (region_eye && eye_attention) storew_first(region_eye + i, eye * loadw_first(eye_attention + i, n - i), n - i);
   }
 }
 
-#define LANES 64 /* sums of a part */
-#define PARTS 64 /* of the samples, as in attention.c */
+#define LANES 64 /* partial sums of a part */
+#define PARTS 64 /* parts of the samples, as in attention.c */
 
-/* sum[0] += all others, in halves; the order is the same however many items there are. */
+/* sum[0] += all others, by pairwise halving; the order does not depend on the number of items. */
 static inline void fold(float *sum) {
   for (uint half_of = LANES / 2; half_of > 0; half_of /= 2)
     for (uint k = 0; k < half_of; k++) sum[k] += sum[k + half_of];
 }
 
 /* dv_c = code_c dregion_c + dnorm v_c/norm, where v/norm is taken as 0 at v = 0; parts[c][p] = sum over the samples of
- * part p of dregion_c v_c. group = p*channels + c. Lane k of a part sums its samples k, k + LANES, .. Of one v for all
- * channels (values 1) the parts alone: dv is attention_one_bwd's, and null here. */
+ * part p of dregion_c v_c. group = p*channels + c. Lane k of a part sums its samples k, k + LANES, .. With one v for
+ * all channels (values 1) this kernel computes only the parts: dv is null, and attention_one_bwd computes it. */
 KERNEL attention_bwd(ROWS(float, dv), SPAN(float, parts), ROWS(const float, dregion), SPAN(const float, dnorm),
                      ROWS(const float, v), SPAN(const float, norm), SPAN(const float, code), uint channels, uint values,
                      ulong n) {
@@ -139,7 +140,7 @@ KERNEL attention_one_bwd(SPAN(float, dv), ROWS(const float, dregion), SPAN(const
   }
 }
 
-/* dcode_c += sum of its parts; an item a channel */
+/* dcode_c += sum of its parts; one item per channel */
 kernel void attention_code_bwd(SPAN(float, dcode), SPAN(const float, parts), uint channels) {
   OPEN(float, dcode);
   OPEN(const float, parts);

@@ -1,8 +1,9 @@
 /* SPDX-License-Identifier: MIT
- * The audio networks (docs/maths.md, Speech): AudioNet, a work-group a window, turns eight windows into codes;
- * AudioAttNet, one work-group, weighs them. All values lie [position][channel], channels contiguous, and are read and
- * summed in blocks of eight channels whatever the device, so that sums are in the same order everywhere. What one item
- * writes and others of its group read goes through global memory and a barrier: backward needs it there. */
+ * The audio networks (docs/maths.md, Speech): AudioNet, one work-group per window, turns eight windows into codes;
+ * AudioAttNet, one work-group, computes their weighted sum. All values are stored as [position][channel], channels
+ * contiguous. Every device reads and sums them in blocks of eight channels, so that sums are in the same order
+ * everywhere. Values that one item writes and others of its group read go through global memory and a barrier, because
+ * the backward pass needs them in global memory. */
 enum {
   GROUP = 64,
   WINDOWS = 8,
@@ -10,10 +11,10 @@ enum {
   CONVS = 4,
   ATT_CONVS = 5,
   HIDDEN = 64,
-  /* of one window: the four convolutions, at most 8, 4, 2, 1 positions, and the hidden layer */
+  /* values of one window: the four convolutions, at most 8, 4, 2, 1 positions, and the hidden layer */
   HIDDEN_AT = 576,
   WINDOW_VALUES = 640,
-  /* of AudioAttNet: five convolutions of 8 positions, and the weights of the windows */
+  /* values of AudioAttNet: five convolutions of 8 positions, and the weights of the windows */
   WEIGHT_AT = 248,
   ATT_VALUES = 256
 };
@@ -32,7 +33,7 @@ static float held(float x) { return x > LIMIT ? LIMIT : x < -LIMIT ? -LIMIT : x;
 static float8 held_bwd(float8 slope, float8 value) { return select(slope, (float8)0, fabs(value) >= LIMIT); }
 
 static float leaky_relu(float x) { return held(x > 0 ? x : 0.02f * x); }
-/* The slope before the LeakyReLU; the sign of a value after it tells what it was before. */
+/* The gradient with respect to the input of a LeakyReLU. `value` is its output, which has the sign of the input. */
 static float8 leaky_relu_bwd(float8 slope, float8 value) {
   return held_bwd(select(0.02f * slope, slope, value > 0), value);
 }
@@ -43,7 +44,7 @@ static float sum_of(float8 v) {
   return two.x + two.y;
 }
 
-/* ---- blocks of eight channels; `left`: channels from here to the end, zeros take the place of those beyond ---- */
+/* ---- blocks of eight channels; `left`: channels from here to the end; those beyond are read as zeros ---- */
 
 static float8 block_load(global const float *x, int left) {
   float all[BLOCK];
@@ -149,7 +150,7 @@ static float conv_fwd(global const float *x, global const float *w, global const
   return b[o] + sum_of(sum);
 }
 
-/* dx[at][c .. c+7]: position t saw this one by tap at + 1 - t*stride. dy [t][o] */
+/* dx[at][c .. c+7]: output position t reads input position `at` by tap at + 1 - t*stride. dy [t][o] */
 static float8 conv_dx(float8 sum, global const float *dy, global const float *w, struct conv conv, int at, int c) {
   const int positions = positions_of(conv);
   for (int o = 0; o < conv.out; o++) {
@@ -163,8 +164,8 @@ static float8 conv_dx(float8 sum, global const float *dy, global const float *w,
   return sum;
 }
 
-/* dW[o][c .. c+7][k] += sum of dy[t][o] x[t*stride + k - 1][c ..] over `copies` of dy and x, and with the first block
- * db[o] += sum dy[t][o]; added one by one in the order of copies and positions, as the reference does. */
+/* dW[o][c .. c+7][k] += sum of dy[t][o] x[t*stride + k - 1][c ..] over `copies` of dy and x. The first block also adds
+ * db[o] += sum dy[t][o]. Terms are added one by one in the order of copies and positions, as in the reference. */
 static void conv_dw(global float *dw, global float *db, global const float *dy, ulong dy_copy, global const float *x,
                     ulong x_copy, int copies, struct conv conv, int o, int c) {
   const int left = conv.in - c, positions = positions_of(conv);
@@ -212,7 +213,8 @@ static void fc_dw(global float *dw, global float *db, global const float *dy, ul
 
 /* ---- AudioNet ---- */
 
-/* codes [8][A], values [8][WINDOW_VALUES]. Group g takes the window that digit g of `order`, base 16, names. */
+/* codes [8][A], values [8][WINDOW_VALUES]. Group g processes the window whose number is hexadecimal digit g of `order`,
+ * the lowest digit being 0. */
 kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void audio_windows(
     SPAN(float, codes), SPAN(float, values), SPAN(const float, windows), SPAN(const float, parameters),
     struct audio_net net, uint order) {
@@ -244,7 +246,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void audio_windows(
   }
 }
 
-/* slopes [8][WINDOW_VALUES]: the gradients before each LeakyReLU, where `values` has the values after it. */
+/* slopes [8][WINDOW_VALUES]: the gradients with respect to the input of each LeakyReLU; `values` holds its output. */
 kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void audio_windows_bwd(
     SPAN(float, slopes), SPAN(const float, dcodes), SPAN(const float, values), SPAN(const float, parameters),
     struct audio_net net) {
@@ -277,7 +279,8 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void audio_windows_bwd
   }
 }
 
-/* The gradients of AudioNet's weights: an item a row's block of eight channels, the layers one behind the other. */
+/* The gradients of AudioNet's weights. An item computes one block of eight channels of one row; blocks are numbered
+ * layer by layer. */
 kernel void audio_windows_weights(SPAN(float, dparameters), SPAN(const float, slopes), SPAN(const float, dcodes),
                                   SPAN(const float, values), SPAN(const float, windows), struct audio_net net,
                                   ulong n) {

@@ -1,8 +1,9 @@
 /* SPDX-License-Identifier: MIT
- * In front of every kernel source. Built with WIDTH (floats in a work-item's vector: 1, 4, 8 or 16), CPU (1 where
- * work-items run on the host's cores) and the device's limits.
+ * This text is put in front of every kernel source. Build options: WIDTH (floats in a work-item's vector: 1, 4, 8 or
+ * 16), CPU (1 where work-items run on the host's cores) and the device's limits.
  *
- * A span comes as (base, offset) and rows as (base, offset, stride); OPEN makes the pointer, null where there is none:
+ * A kernel takes a span as two arguments (base, offset) and rows as three (base, offset, stride). OPEN makes the
+ * pointer from them, null where the base is null:
  *
  *   kernel void ema(SPAN(float, average), SPAN(const float, parameters), float decay, ulong n) {
  *     OPEN(float, average);
@@ -13,8 +14,8 @@
 #define ROWS(type, name) global type *name##_base, ulong name##_at, ulong name##_stride
 #define OPEN(type, name) global type *const name = name##_base ? name##_base + name##_at : 0
 
-/* WIDTH values at a time, floatw of floats: a vector, or a scalar where WIDTH is 1. A comparison gives an intw, truth
- * being -1 in a vector and 1 in a scalar: for WHERE, & and |. */
+/* floatw holds WIDTH floats: a vector, or a scalar where WIDTH is 1. A comparison of two gives an intw, in which true
+ * is -1 in a vector and 1 in a scalar: combine such values by WHERE, & and |. */
 #if WIDTH == 1
 #define JOINW(name) name
 #define LOADW(from) (*(from))
@@ -40,7 +41,8 @@ static inline floatw loadw_first(global const float *from, ulong count) {
   return LOADW(values);
 }
 
-/* (For an x86 CPU, LLVM uses registers of 512 bits where a function has a vector for an argument, and halves else.) */
+/* Stores the first `count` of WIDTH values. (On an x86 CPU, LLVM uses 512-bit registers in a function that has a vector
+ * argument, and splits vectors into halves elsewhere.) */
 static inline void storew_first(global float *to, floatw value, ulong count) {
   float values[WIDTH];
   if (count >= WIDTH) {
@@ -58,8 +60,8 @@ static inline uintw lane_numbers(void) {
   return LOADW(values);
 }
 
-/* Philox 4x32-10, as core/rng.h: the first three words of an index, or of each of WIDTH. (Unrolled, so that a CPU makes
- * vectors of work-items.) */
+/* Philox 4x32-10 as in core/rng.h: the first three words for one index, or for each of WIDTH indices. (The rounds are
+ * unrolled so that a CPU's compiler vectorises over work-items.) */
 #define RANDOM_AT(name, uints)                                                                           \
   static inline void name(uints word[3], ulong seed, ulong step, uints index, uint purpose) {            \
     uints c0 = (uint)step, c1 = (uint)(step >> 32), c2 = index, c3 = purpose;                            \

@@ -1,11 +1,12 @@
 /* SPDX-License-Identifier: MIT
- * Volume rendering of the samples of a ray, and its gradient (paper eq. 1-2, docs/maths.md, Compositing). A work-item takes RAYS
- * rays one after the other.
+ * Volume rendering of the samples of a ray, and its gradient (paper eq. 1-2, docs/maths.md, Compositing). A work-item
+ * takes RAYS rays one after the other.
  *
  * tau_i = sigma_i dt_i, alpha_i = 1 - exp(-tau_i), T_i = exp(-sum_{j<i} tau_j), w_i = alpha_i T_i. A sample counts
- * while the light before it is not spent, T_i >= stop; with stop < 1 the first one always does. */
+ * where the transmittance before it has not fallen below the stop, T_i >= stop; with stop < 1 the first one always
+ * does. */
 
-/* No product is fused with a sum, here as in the reference: a colour at the end of its range must be there for both. */
+/* No product is fused with a sum, as in the reference: a colour at an end of its range must be there in both. */
 #pragma OPENCL FP_CONTRACT OFF
 
 #if WIDTH == 1
@@ -14,9 +15,9 @@ enum { RAYS = 1, KNOWN_AHEAD = 1 };
 enum { RAYS = 64, KNOWN_AHEAD = 512 };
 #endif
 
-/* alpha_i and 1 - alpha_i: by expm1, so that alpha keeps its digits for thin samples, and by exp, so that what is left
- * keeps them for dense ones. Rays are short: on a CPU those of several are computed ahead, in vectors, of the samples
- * [from, until). A longer ray than there is room for goes without. */
+/* alpha_i = -expm1(-tau_i) keeps its digits for thin samples; rest_i = 1 - alpha_i = exp(-tau_i) keeps them for dense
+ * ones. Rays are short: on a CPU both are computed ahead, in vectors, for the samples [from, until) of several rays.
+ * For a ray of more than KNOWN_AHEAD samples they are computed sample by sample. */
 struct light {
   global const float *sigma, *dt;
   float alpha[KNOWN_AHEAD], rest[KNOWN_AHEAD];
@@ -24,7 +25,7 @@ struct light {
   bool ahead;
 };
 
-/* Before the samples [begin, end) of a ray are looked at; `last` is the end of the item's samples. */
+/* Call before the samples [begin, end) of a ray are read; `last` is the end of the item's samples. */
 void look_ahead(struct light *light, ulong begin, ulong end, ulong last) {
   light->ahead = WIDTH > 1 && end - begin <= KNOWN_AHEAD;
   if (!light->ahead || end <= light->until) return;
@@ -50,7 +51,7 @@ float rest_of(const struct light *light, ulong i) {
 float blend(float colour, float opacity, float background) { return colour + (1 - opacity) * background; }
 
 /* pixel, colour, background: [3] per ray; opacity, depth, attention, eye, uncertainty: [n]; first: [n+1]; the rest per
- * sample. Null: not wanted, or 0. */
+ * sample. Null: an output is not wanted, an input is 0. */
 kernel void composite_fwd(ROWS(float, pixel), ROWS(float, colour), SPAN(float, opacity), SPAN(float, depth),
                           SPAN(float, attention), SPAN(float, eye), SPAN(float, uncertainty), SPAN(const int, first),
                           SPAN(const float, sigma), SPAN(const float, dt), SPAN(const float, sample_depth),
@@ -106,8 +107,9 @@ kernel void composite_fwd(ROWS(float, pixel), ROWS(float, colour), SPAN(float, o
 }
 
 /* dsigma, drgb ([3]), dsample_*: per sample; the others per ray. With dw_i = dL/dw_i:
- * dL/dtau_i = dw_i T_{i+1} - sum_{j>i} dw_j w_j, the sum taken from the back: no division by 1 - alpha, and no
- * difference of large sums. No gradient passes a clamped colour, and samples past the stop get zeros. */
+ * dL/dtau_i = dw_i T_{i+1} - sum_{j>i} dw_j w_j. The sum is accumulated from the last sample backwards: no division by
+ * 1 - alpha, and no difference of large sums. A clamped colour passes no gradient, and samples past the stop get
+ * zeros. */
 kernel void composite_bwd(SPAN(float, dsigma), ROWS(float, drgb), SPAN(float, dsample_attention),
                           SPAN(float, dsample_eye), SPAN(float, dsample_uncertainty), ROWS(const float, dpixel),
                           SPAN(const float, dopacity), SPAN(const float, dattention), SPAN(const float, deye),
@@ -146,7 +148,7 @@ kernel void composite_bwd(SPAN(float, dsigma), ROWS(float, drgb), SPAN(float, ds
       dsum -= dcolour[c] * behind;
     }
 
-    /* dsigma[i] holds T_{i+1} until the way back */
+    /* dsigma[i] holds T_{i+1} until the backward loop overwrites it */
     const ulong begin = first[r], end = first[r + 1];
     float transmittance = 1;
     ulong counted = begin;

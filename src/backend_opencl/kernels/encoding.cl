@@ -14,7 +14,7 @@ constant float c31 = 0.45704579946446572f; /* 1/4 sqrt(21/(2 pi)) */
 constant float c30 = 0.37317633259011546f; /* 1/4 sqrt(7/pi) */
 
 /* Real spherical harmonics Y_l^m, degrees 0..3, of the unit vector d = (x, v, z), in the order (0,0), (1,-1), (1,0),
- * (1,1), (2,-2) ..; sign (-1)^m, as NeRF codes have it. */
+ * (1,1), (2,-2) ..; sign (-1)^m, as in other NeRF programs. */
 KERNEL sh_fwd(ROWS(float, y), ROWS(const float, d), ulong n) {
   OPEN(float, y);
   OPEN(const float, d);
@@ -72,8 +72,9 @@ KERNEL sh_bwd(ROWS(float, dd), ROWS(const float, dy), ROWS(const float, d), ulon
 
 #define HALF_PI 1.57079632679489661923f
 
-/* Near 0 by the series, to 2^-28: where one lane of a vector is huge, SLEEF, whose sine and cosine PoCL has, reduces
- * all lanes as such, and is wrong by up to 2^-6 for those below 2^-7. */
+/* Near 0 the Taylor series is used, accurate to 2^-28. Where one lane of a vector is huge, SLEEF, which PoCL uses for
+ * sine and cosine, applies the range reduction of huge values to all lanes, and is wrong by up to 2^-6 for lanes below
+ * 2^-7. */
 static inline floatw sin_of(floatw x) { return WHERE(fabs(x) < 0x1p-6f, x - x * x * x / 6, sin(x)); }
 static inline floatw cos_of(floatw x) { return WHERE(fabs(x) < 0x1p-6f, 1 - x * x / 2, cos(x)); }
 

@@ -4,14 +4,15 @@
  *   u = (x + bound) / (2 bound)      p = u*scale_l + 0.5      cell = floor(p)      t = p - cell
  *   f_l(x) = sum over the 2^dims corners b of prod_d (b_d ? t_d : 1 - t_d) * table[index(cell + b)]
  *
- * Built with DIMS, FEATURES, INVERSE (1 where the quotient is that exact product), DIVIDE (1 where the modulo of some
- * level is no power of two), OWNERS (see grid_bwd_table), GROUP (items) and VECTORS (an item's). A group works on one level, whose table stays in the
- * cache: on a CPU an item takes a block of samples, WIDTH at a time, elsewhere neighbouring items neighbouring samples.
- * Every product is rounded by itself and every sum is taken in the order of the reference, so the results are the
- * reference's to the last bit. */
+ * Build options: DIMS, FEATURES, INVERSE (1 where multiplication by `inverse` gives exactly the quotient u), DIVIDE (1
+ * where the modulo of some level is not a power of two), OWNERS (see grid_bwd_table), GROUP (items of a group) and
+ * VECTORS (of an item). A group works on one level, so that the level's table stays in the cache. On a CPU an item
+ * takes a block of samples, WIDTH at a time; on other devices neighbouring items take neighbouring samples. Products
+ * are not fused with sums, and every sum is in the order of the reference, so the results are the reference's to the
+ * last bit. */
 #pragma OPENCL FP_CONTRACT OFF
 
-#define ITEM (VECTORS * WIDTH) /* samples an item */
+#define ITEM (VECTORS * WIDTH) /* samples per item */
 #define CORNERS (1 << DIMS)
 #define UNROLL _Pragma("unroll")
 #define EACH_DIM(d) UNROLL for (int d = 0; d < DIMS; d++)
@@ -33,20 +34,20 @@
          (p)[i.s9], (p)[i.sa], (p)[i.sb], (p)[i.sc], (p)[i.sd], (p)[i.se], (p)[i.sf])
 #endif
 
-/* How a level is read: index = (sum or XOR over d of cell_d*multiplier_d) modulo size, multiplier_0 = 1. */
+/* The table index of a cell: index = (sum or XOR over d of cell_d*multiplier_d) modulo size, multiplier_0 = 1. */
 struct level {
   float scale;
   float slope;        /* du/dx * scale */
-  uint mask;          /* size - 1 where that is the modulo; all ones where none is needed */
+  uint mask;          /* size - 1 where the modulo is a power of two; all ones where no modulo is needed */
   uint size, offset;  /* entries */
-  uint multiplier[2]; /* of dimensions 1, 2: strides of the dense index, 0 for one that does not fit; or primes */
+  uint multiplier[2]; /* for dimensions 1, 2: strides of the dense index, 0 where one does not fit; or primes */
   uint hashed;
 };
 
 struct grid {
   struct level level[24];
   float bound, inverse; /* 1/(2 bound) */
-  uint levels, blocks;  /* blocks of GROUP*ITEM samples, a group each */
+  uint levels, blocks;  /* blocks of GROUP*ITEM samples, one group each */
 };
 
 /* The corners of WIDTH samples in a level. */
@@ -55,8 +56,8 @@ struct corners {
   floatw side[DIMS][2]; /* 1 - t, t */
 };
 
-/* x: coordinates of the samples. Gives the lanes that are inside [-bound, bound]; the corners of the others, and of
- * NaN, are those of u = 0, so that what is read for them is there. */
+/* x: coordinates of the samples. Returns which lanes are inside [-bound, bound]. Lanes outside, and NaN, get the
+ * corners of u = 0, so that their table entries exist. */
 static inline intw find_corners(struct corners *at, const floatw x[DIMS], const struct level *level,
                                 const struct grid *grid) {
   intw inside = (intw)(0) == 0;
@@ -131,10 +132,10 @@ KERNEL grid_fwd(ROWS(float, f), POSITIONS, SPAN(const float, table), struct grid
   }
 }
 
-/* dtable[entry][c] += weight * df_c, where each entry has one owner, which walks all samples in their order: no
+/* dtable[entry][c] += weight * df_c. Each entry has one owner, an item that goes through all samples in order: no
  * atomics, and the sums are the same on every device. */
 #if CPU
-/* A group a level, whose only item owns all. */
+/* One group per level; its only item owns all entries. */
 KERNEL grid_bwd_table(SPAN(float, dtable), ROWS(const float, df), POSITIONS, struct grid grid, ulong n) {
   OPEN(float, dtable);
   OPEN(const float, df);
@@ -161,8 +162,8 @@ KERNEL grid_bwd_table(SPAN(float, dtable), ROWS(const float, df), POSITIONS, str
   }
 }
 #else
-/* A group stages the corners of GROUP samples in local memory; then each item adds those that it owns: entry e belongs
- * to item e mod OWNERS of the OWNERS/GROUP groups of its level. */
+/* A group stages the corners of GROUP samples in local memory; then each item adds the terms of the entries that it
+ * owns. A level has OWNERS items in OWNERS/GROUP groups, and item e mod OWNERS of them owns entry e. */
 KERNEL grid_bwd_table(SPAN(float, dtable), ROWS(const float, df), POSITIONS, struct grid grid, ulong n) {
   OPEN(float, dtable);
   OPEN(const float, df);
@@ -196,15 +197,16 @@ KERNEL grid_bwd_table(SPAN(float, dtable), ROWS(const float, df), POSITIONS, str
 }
 #endif
 
-/* *at += value, whatever others add to it meanwhile */
+/* *at += value, atomic: other items may add to it at the same time */
 static inline void add_atomically(volatile global float *at, float value) {
   volatile global uint *bits = (volatile global uint *)at;
   uint before = atomic_or(bits, 0), found; /* reads it */
   while ((found = atomic_cmpxchg(bits, before, as_uint(as_float(before) + value))) != before) before = found;
 }
 
-/* The same by atomics, in any order: fast on a GPU, and a little different on every run. Neighbouring items take
- * samples far from each other, for neighbours on a ray share their entries and would wait for each other. */
+/* The same by atomics, in any order: fast on a GPU, and with slightly different rounding on every run. Neighbouring
+ * items take samples that are far apart, because neighbouring samples of a ray share entries, for which their items
+ * would contend. */
 KERNEL grid_bwd_table_atomic(SPAN(float, dtable), ROWS(const float, df), POSITIONS, struct grid grid, ulong n) {
   OPEN(float, dtable);
   OPEN(const float, df);

@@ -1,21 +1,22 @@
 /* SPDX-License-Identifier: MIT
- * The losses of the head and the torso (docs/maths.md), value and gradient together, and the points that the smoothness looks at.
+ * The losses of the head and the torso (docs/maths.md), value and gradient together, and the points at which the
+ * smoothness term is evaluated.
  *
- * Sums are cut into as many parts as there are groups, each of consecutive elements, whatever the device: GROUP sums
- * side by side, sum k of elements k, k + GROUP, ... of the part, of which then halves are added. A part's sum goes to
- * the host, which adds them up in double. */
+ * A sum is split into PARTS parts of consecutive elements, one group each, on every device alike. A part has GROUP
+ * partial sums; partial sum k adds the elements k, k + GROUP, ... of the part. The partial sums are then added by
+ * pairwise halving. The host adds the sums of the parts in double. */
 
 #pragma OPENCL FP_CONTRACT OFF
 
-#define GROUP 64              /* sums of a part, side by side; ERN_CL_SUM_GROUP */
-#define ITEMS (GROUP / WIDTH) /* that add them up */
-#define PARTS 64              /* ERN_CL_SUMS */
+#define GROUP 64              /* partial sums of a part; ERN_CL_SUM_GROUP */
+#define ITEMS (GROUP / WIDTH) /* work-items of a group */
+#define PARTS 64              /* of a sum; ERN_CL_SUMS */
 #define SUMMING kernel __attribute__((reqd_work_group_size(ITEMS, 1, 1)))
 
-/* Elements of a part of n. */
+/* Elements of a part, of n in all. */
 ulong part_of(ulong n) { return (n + PARTS * GROUP - 1) / (PARTS * GROUP) * GROUP; }
 
-/* Elements that a lane has from r on. */
+/* Elements in an item's vector from r on, at most WIDTH. */
 ulong count_of(ulong r, ulong end) { return r < end ? min(end - r, (ulong)WIDTH) : 0; }
 
 /* The sum of a group's values. partial: [GROUP] */
@@ -32,7 +33,7 @@ float group_sum(local float *partial, floatw value) {
   return sum;
 }
 
-/* The largest of them; those that are no number do not count. */
+/* The largest of a group's values; NaN is ignored. partial: [GROUP] */
 float group_most(local float *partial, floatw value) {
   const uint item = get_local_id(0);
   STOREW(value, partial + item * WIDTH);
@@ -53,8 +54,8 @@ floatw first_of(ulong count, floatw value, float other) {
 
 /* ---- terms of the head ---- */
 
-/* softmax(u)_r = exp(u_r - most)/sum over all rays: of each part its own most and sum, of a part of none -infinity and
- * 0. most, sum: [PARTS]; uncertainty: [n] */
+/* softmax(u)_r = exp(u_r - most)/sum over all rays. This kernel gives each part's own most and sum; an empty part has
+ * -infinity and 0. most, sum: [PARTS]; uncertainty: [n] */
 SUMMING void head_softmax(SPAN(float, most), SPAN(float, sum), SPAN(const float, uncertainty), ulong n) {
   OPEN(float, most);
   OPEN(float, sum);
@@ -75,7 +76,8 @@ SUMMING void head_softmax(SPAN(float, most), SPAN(float, sum), SPAN(const float,
   sum[part] = sum_of_part;
 }
 
-/* struct head_factors of losses.c: of each term's gradient weight, schedule and 1/R; s in [0, 1]; 1/R; R. */
+/* struct head_factors of losses.c. by_*: factors of the gradient of each term: weight, schedule and 1/R; s in [0, 1];
+ * mean = 1/R; rays = R. */
 struct head_factors {
   float by_pixel, by_uncertainty, by_outside, by_entropy, by_audio, by_eye;
   float s, mean, rays;
@@ -98,8 +100,8 @@ floatw uncertainty_term(floatw *du, floatw u, floatw error, floatw face) {
   return face * (once / 2 + log_beta * log_beta / 2);
 }
 
-/* H(w) = -w log2 w - (1-w) log2(1-w), w = clamp(opacity, 1e-5, 1 - 1e-5); dH/dw = log2((1-w)/w), 0 outside the clamp.
- */
+/* H(w) = -w log2 w - (1-w) log2(1-w), w = clamp(opacity, 1e-5, 1 - 1e-5); dH/dw = log2((1-w)/w), 0 outside the
+ * clamp. */
 floatw entropy_term(floatw *dopacity, floatw opacity) {
   const float low = 1e-5f, high = 1 - low;
   const floatw w = WHERE(opacity < low, low, WHERE(opacity > high, high, opacity));
@@ -133,7 +135,7 @@ SUMMING void head_loss(SPAN(float, terms), ROWS(float, dpixel), SPAN(float, dopa
   local float partial[GROUP];
   const uint item = get_local_id(0);
   float all_most = 0, all_sum = 1;
-  if (by.adaptive) { /* each part's sum was of exp(u - its own most) */
+  if (by.adaptive) { /* each part's sum is of exp(u - its own most) */
     const floatw its_most = LOADW(most + item * WIDTH), its_sum = LOADW(sum + item * WIDTH);
     all_most = group_most(partial, its_most);
     all_sum = group_sum(partial, WHERE(its_sum != 0, its_sum * exp(its_most - all_most), 0));
@@ -162,7 +164,8 @@ SUMMING void head_loss(SPAN(float, terms), ROWS(float, dpixel), SPAN(float, dopa
     storew_first(dopacity + r, by.by_entropy * dsum, count);
     if (dattention) storew_first(dattention + r, by.by_audio * (1 - inside), count);
     if (deye) storew_first(deye + r, by.by_eye * attended * inside, count); /* no gradient to the attention */
-    /* 1/R first: sums of large values stay finite where the reference's, in double, do */
+    /* multiplied by 1/R before the summation: sums of large values stay finite where those of the reference, in double,
+     * do */
     for (uint t = 0; t < TERMS; t++) share[t] += first_of(count, term[t] * by.mean, 0);
   }
   for (uint t = 0; t < TERMS; t++) {
@@ -173,8 +176,8 @@ SUMMING void head_loss(SPAN(float, terms), ROWS(float, dpixel), SPAN(float, dopa
 
 /* ---- squared differences ---- */
 
-/* Squares of huge and of tiny values are summed by themselves, scaled, for the reference's sums are in double: of
- * values beyond 2^40 times 2^-80, of those within 2^-40 times 2^80, and of the rest. */
+/* The reference sums squares in double. To cover its range, squares of huge and of tiny values have sums of their own:
+ * values above 2^40 are scaled by 2^-80, values below 2^-40 by 2^80; the others are not scaled. */
 struct squares {
   floatw usual, huge, tiny;
 };
@@ -235,8 +238,7 @@ SUMMING void mse(SPAN(float, squares), ROWS(float, dpixel), ROWS(const float, pi
   write_squares(squares, partial, &own);
 }
 
-/* short_of: [3], 1 - w of each key point, whose squares are the host's; anchors, danchors: [3][4], danchors accumulates
- */
+/* short_of: [3], 1 - w of each key point, which the host squares; anchors, danchors: [3][4], danchors accumulates */
 kernel void key_points_loss(SPAN(float, short_of), SPAN(float, danchors), SPAN(const float, anchors)) {
   OPEN(float, short_of);
   OPEN(float, danchors);
@@ -250,8 +252,8 @@ kernel void key_points_loss(SPAN(float, short_of), SPAN(float, danchors), SPAN(c
 
 /* ---- points beside the samples ---- */
 
-/* moved, x: [3] per sample, WIDTH of them an item; `first` is the number of the first sample, `purpose` the fourth word
- * of its counter. Offsets are uniform(-reach, reach), of 24 bits. */
+/* moved, x: [3] per sample; an item takes WIDTH samples; `first` is the number of the first sample, `purpose` the
+ * fourth word of the Philox counter. Offsets are uniform(-reach, reach), from 24 random bits. */
 kernel void smooth_points(ROWS(float, moved), ROWS(const float, x), float reach, ulong seed, ulong step, ulong first,
                           uint purpose, ulong n) {
   OPEN(float, moved);

@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: MIT
- * Rays of a camera, their way through the occupancy grid, and the samples that come of it: march_ref.c.
- * Every product is rounded by itself and every operation has the reference's order, so that all backends look at the
- * same points to the last bit. */
+ * Computes the rays of a camera, marches them through the occupancy grid and packs their samples; the reference is
+ * march_ref.c. Products are not fused with sums, and every operation has the reference's order, so that all backends
+ * sample the same points to the last bit. */
 #pragma OPENCL FP_CONTRACT OFF
 
-enum { SIDE = 128 }; /* cells an axis */
+enum { SIDE = 128 }; /* cells per axis */
 
 /* ---- rays -------------------------------------------------------------------------------------------------------- */
 
@@ -63,7 +63,7 @@ typedef JOIN(int, WIDTH) ints;
 
 #define INLINE __attribute__((always_inline))
 
-/* Whether one is true: by halves, which takes fewer steps than what compilers make of any(). */
+/* Whether any lane is true. Combining halves takes fewer instructions than what compilers make of any(). */
 INLINE bool one_of(ints truth) {
 #if WIDTH == 1
   return truth != 0;
@@ -106,14 +106,14 @@ struct walk { /* struct walk in march.c */
   float bound, inverse_bound; /* of the box; 1/bound */
   float near;                 /* smallest distance of a sample */
   float gamma, shortest, longest; /* dt(t) = clamp(gamma t, shortest, longest) */
-  float cell; /* a little more than the width of a cell; infinite where that cannot be said */
+  float cell; /* a little more than the width of a cell; infinite where the box has an unusual size */
   int max_steps;
 };
 
 INLINE reals step_at(const struct walk *walk, reals t) { return limit(t * walk->gamma, walk->shortest, walk->longest); }
 
-/* Where the rays are inside the box: near <= t <= far. False where they miss it, and where they run within the plane of
- * a face (0 * infinity). */
+/* The part of each ray inside the box: near <= t <= far. False where a ray misses the box or lies in the plane of a
+ * face (0 * infinity). */
 INLINE ints box_enter(reals *near, reals *far, const struct walk *walk, const reals inverse[3]) {
   ints met = (ints)(-1);
   *near = (reals)(-INFINITY);
@@ -137,8 +137,8 @@ INLINE reals cell_of(reals p, float inverse_bound) {
   return select(whole, whole - 1.0f, TRUTH(whole > place));
 }
 
-/* The 7 bits of such a number, moved apart so that two zeros lie between neighbours (morton.h). In 2^23 + cell they are
- * the last of the mantissa. */
+/* Spreads the 7 bits of a cell number so that two zeros lie between neighbours (morton.h). In 2^23 + cell they are the
+ * lowest bits of the mantissa. */
 INLINE ints spread(reals cell) {
 #if WIDTH == 1
   ints v = as_int(cell + 0x1p23f) & (SIDE - 1);
@@ -150,7 +150,7 @@ INLINE ints spread(reals cell) {
   return (v | v << 2) & 0x249249;
 }
 
-/* -1 where the cell at t is occupied. p and cell are for the way to the cell's border. */
+/* Returns -1 where the cell at t is occupied. Also gives the point p and its cell, for cell_leave. */
 INLINE ints look(reals p[3], reals cell[3], const struct walk *walk, const reals d[3], reals t,
                  global const uchar *bits) {
   ints number = (ints)0;
@@ -167,8 +167,8 @@ INLINE ints look(reals p[3], reals cell[3], const struct walk *walk, const reals
   return -(around >> (number & 7) & 1);
 }
 
-/* Distance from p to where the ray leaves the cell. An axis along which it does not move says infinity or, right on a
- * border, NaN, and neither is the smallest. */
+/* Distance from p to where the ray leaves the cell. An axis along which the ray does not move gives infinity or,
+ * exactly on a border, NaN; neither is taken as the smallest. */
 INLINE reals cell_leave(const struct walk *walk, const reals d[3], const reals inverse[3], const reals p[3],
                         const reals cell[3]) {
   reals least = (reals)INFINITY;
@@ -182,8 +182,8 @@ INLINE reals cell_leave(const struct walk *walk, const reals d[3], const reals i
   return select((reals)0.0f, least, TRUTH(least > 0.0f));
 }
 
-/* -1 where steps may be shorter than the way through a cell. The reference's |side - p| is below the cell's width but
- * for roundings, which `cell` leaves room for; elsewhere the next distance is past the border anyhow. */
+/* -1 where a step may be shorter than the distance through a cell. The reference's |side - p| is below the cell's width
+ * except for rounding errors, for which `cell` has a margin; elsewhere the next distance is past the border anyway. */
 INLINE ints are_short(const struct walk *walk, const reals inverse[3]) {
   const reals least = fmin(fmin(fabs(inverse[0]), fabs(inverse[1])), fabs(inverse[2]));
   return ~TRUTH(least * walk->cell < walk->shortest);
@@ -202,8 +202,9 @@ INLINE void keep(global float *t, const struct walk *walk, reals now, ints count
   }
 }
 
-/* Samples of WIDTH rays, those in `live`. t: their rows. Steps through an empty cell go on until past its border, so
- * that a ray's samples stay on its own sequence t_{k+1} = t_k + dt(t_k). */
+/* Marches those of WIDTH rays that are in `live`; returns their numbers of samples. t: the rays' rows. Steps through an
+ * empty cell continue until past its border, so that a ray's samples stay on its own sequence t_{k+1} = t_k +
+ * dt(t_k). */
 INLINE ints march_rays(global float *t, const struct walk *walk, const reals d[3], reals jitter, ints live,
                        global const uchar *bits) {
   const reals inverse[3] = {1.0f / d[0], 1.0f / d[1], 1.0f / d[2]};
@@ -234,7 +235,7 @@ INLINE ints march_rays(global float *t, const struct walk *walk, const reals d[3
         next = select(next, next + step_at(walk, last), inside);
       }
     }
-    live &= TRUTH(next > now) & TRUTH(next < far); /* where t + dt = t the way ends */
+    live &= TRUTH(next > now) & TRUTH(next < far); /* the march ends where t + dt = t */
     now = next;
   }
   return count;
@@ -262,10 +263,10 @@ kernel void march(SPAN(float, t), SPAN(int, count), ROWS(const float, dir), SPAN
 
 /* ---- samples ----------------------------------------------------------------------------------------------------- */
 
-/* As limit, of one number. */
+/* The same as limit, for one number. */
 float limit_one(float value, float low, float high) { return value > low ? (value < high ? value : high) : low; }
 
-#define TEAM (CPU ? 1 : 16) /* work-items that share a ray's samples: what neighbours write lies together */
+#define TEAM (CPU ? 1 : 16) /* work-items that share a ray's samples: neighbouring items write neighbouring elements */
 
 /* x = clamp(o + t d), dt = dt(t), depth = t + dt, for the samples of ray r packed from first[r] on. */
 kernel void samples(ROWS(float, x), SPAN(float, dt), SPAN(float, depth), SPAN(int, ray), SPAN(const float, t),

@@ -1,20 +1,20 @@
 /* SPDX-License-Identifier: MIT
  * Fully connected stacks without biases, ReLU between layers: h_0 = x, h_{l+1} = relu(W_l h_l), y = W_last h_last.
  *
- * A work-group takes a tile of samples through all layers. Values lie in local memory, [channel][sample of the tile];
- * a work-item computes the columns of its own samples, so that only what is shared is waited for: weights, which a GPU
- * stages in local memory and a CPU reads from its caches, and sums over samples.
+ * A work-group takes a tile of samples through all layers. Values are in local memory, [channel][sample of the tile]; a
+ * work-item computes the columns of its own samples, so that barriers are needed only for shared data: weights, which a
+ * GPU stages in local memory and a CPU reads from its caches, and sums over samples.
  *
  * Built for one stack, by the options of mlp.c:
- *   LAYERS, HIDDEN = LAYERS - 1; C0 .. widths; A0 .. first element of each W, from that of the first
- *   R0 .. R3 rows of the input's pieces (0: there is none), P0 .. P3 their kinds: 0 per sample, 1 per ray, 2 per batch
+ *   LAYERS, HIDDEN = LAYERS - 1; C0 .. widths; A0 .. offset of each W from the first W
+ *   R0 .. R3 rows of the input's pieces (0: no such piece), P0 .. P3 their kinds: 0 per sample, 1 per ray, 2 per batch
  *   GROUP work-items, each with VECTORS vectors of LANES samples
- *   forward: EVEN, ODD the most channels of the tiles that the layers take turns in
+ *   forward: EVEN, ODD the most channels of the two tiles between which the layers alternate
  *   backward: V0 .. first channel of each layer's values, V<LAYERS> of the output's gradient, VALUES channels in all
  *     TURNED vectors of the longest row of weights
- *     D0 .. D3 whether a piece's gradient is wanted; all that are lie in the DX_ROWS input channels from DX_FROM
- *     PART floats are the sums of one part of the samples: W_l at G<l>, rows of E<l> floats, and the rows of a piece of
- *     the batch at B0 .. B3, LANES floats each */
+ *     D0 .. D3 whether a piece's gradient is wanted; all wanted ones are in the DX_ROWS input channels from DX_FROM on
+ *     PART floats hold the sums of one part of the samples: dW_l at G<l>, in rows of E<l> floats, and the gradient rows
+ *       of a per-batch piece at B0 .. B3, LANES floats each */
 #define JOIN_(a, b) a##b
 #define JOIN(a, b) JOIN_(a, b)
 #define INLINE static inline __attribute__((always_inline))
@@ -30,8 +30,9 @@ typedef JOIN(float, LANES) vf;
 #define STORE(value, to) JOIN(vstore, LANES)(value, 0, to)
 #endif
 
-/* A row of a tile is LINE vectors: on a GPU one more than it holds, so that a column lies across the banks.
- * BLOCK rows x VECTORS sums are in registers at a time: 8 x 3 of 32, or 4 x 3 of 16. */
+/* A row of a tile is LINE vectors: on a GPU one more than needed, so that a column is spread over the memory banks.
+ * BLOCK rows x VECTORS sums are kept in registers at a time: 8 x 3 where there are 32 registers, 4 x 3 where there are
+ * 16. */
 #if CPU
 #define LINE VECTORS
 #define BLOCK (LANES == 8 ? 4 : 8)
@@ -42,17 +43,17 @@ typedef JOIN(float, LANES) vf;
 #else
 #define LINE (GROUP * VECTORS + 1)
 #define BLOCK 32
-#define CHUNK 32              /* terms of which the weights are staged at a time */
+#define CHUNK 32              /* terms whose weights are staged at a time */
 #define STAGE_ROW (BLOCK + 4) /* room for one row more than a block; a multiple of four */
 #define STAGE , local float *stage
 #define STAGED , stage
 #define STAGE_MEMORY local float stage[CHUNK * STAGE_ROW] __attribute__((aligned(16)));
 #define WAIT barrier(CLK_LOCAL_MEM_FENCE);
 #endif
-/* Rows behind the last full block; a single one joins that block where there are registers for it. */
+/* Rows after the last full block; a single one is added to that block where there are registers for it. */
 #define REST(rows) ((rows) % BLOCK == 1 && (rows) > BLOCK && BLOCK != 4 ? BLOCK + 1 : (rows) % BLOCK)
 
-/* DO(l, l + 1) for the first layers, upwards, and downwards. */
+/* UP_n, DOWN_n: DO(l, l + 1) for the first n layers, in ascending and in descending order. */
 #define UP_0(DO)
 #define UP_1(DO) DO(0, 1)
 #define UP_2(DO) UP_1(DO) DO(1, 2)
@@ -74,7 +75,8 @@ typedef JOIN(float, LANES) vf;
 #define DOWN_9(DO) DO(8, 9) DOWN_8(DO)
 #define EACH_PIECE(DO) DO(0) DO(1) DO(2) DO(3)
 
-/* DO(r) for the rows of sums, DO(r, v) for each sum, unrolled here: in loops some compilers leave sums in memory. */
+/* DO(r) for the rows of sums, DO(r, v) for each sum. Unrolled by hand: some compilers keep the sums of a loop in
+ * memory. */
 #define EIGHT(DO, a, b, c, d, e, f, g, h) DO(a) DO(b) DO(c) DO(d) DO(e) DO(f) DO(g) DO(h)
 #if CPU
 #define EACH_ROW(DO) EIGHT(DO, 0, 1, 2, 3, 4, 5, 6, 7) DO(8)
@@ -90,7 +92,7 @@ typedef JOIN(float, LANES) vf;
 
 enum { PER_SAMPLE, PER_RAY, PER_BATCH };
 
-/* Rows of a tile: samples first .. of each channel of a piece, zeros from sample n on. */
+/* Fills rows of a tile with the samples from `first` on of each channel of a piece; zeros from sample n on. */
 INLINE void gather(local vf *tile, global const float *x, const ulong stride, const int rows, const int per,
                    global const int *ray, const ulong first, const ulong n, const int item) {
   for (int c = 0; c < rows; c++, tile += LINE, x += stride) {
@@ -112,8 +114,8 @@ INLINE void gather(local vf *tile, global const float *x, const ulong stride, co
   }
 }
 
-/* y[at ..] = value, or += it, up to sample n. (A vector as a parameter: LLVM keeps 512 bits whole only in functions
- * that have such, and those that they become part of.) */
+/* y[at ..] = value, or += it, up to sample n. (`value` is a parameter because LLVM uses 512-bit registers only in
+ * functions that have a vector parameter, and in those that they are inlined into.) */
 INLINE void put(global float *y, const ulong at, const ulong n, const vf value, const bool add) {
   if (at + LANES <= n) {
     STORE(add ? LOAD(y + at) + value : value, y + at);
@@ -140,7 +142,7 @@ INLINE void put_rows(global float *y, const ulong stride, local const vf *tile, 
 
 /* ---- products ---------------------------------------------------------------------------------------------------- */
 
-/* Sums of ROWS x `vectors` of a block. */
+/* The sums of a block, rows x `vectors`. */
 #define SUMS vf sum[9 > BLOCK ? 9 : BLOCK + 1][3]
 #define CLEAR_SUM(r, v) sum[r][v] = 0;
 #define CLEAR_ROW(r) \
@@ -189,8 +191,8 @@ INLINE void products(SUMS, local const vf *in, global const float *a, const int 
 
 typedef enum finish {
   AS_IT_IS,
-  RELU, /* max(sum, 0); a NaN stays one, so that it is noticed */
-  SLOPE /* sum where the unit was on, that is where the value that lies there is above 0 (or NaN); else 0 */
+  RELU, /* max(sum, 0); NaN stays NaN, so that it is noticed */
+  SLOPE /* derivative of the ReLU: sum where the value that `out` holds is above 0 (or NaN); else 0 */
 } finish;
 
 /* Rows row .. row+rows-1 of out = A in. */
@@ -209,7 +211,7 @@ INLINE void block(const finish how, local vf *out, local const vf *in, global co
   EACH_ROW(FINISH_ROW)
 }
 
-/* All rows. */
+/* All rows of out = A in. */
 INLINE void product(const finish how, local vf *out, local const vf *in, global const float *a, const int a_row,
                     const int a_step, const int rows, const int count, const int item STAGE) {
   for (int row = 0; row + BLOCK <= rows - (REST(rows) > BLOCK ? BLOCK + 1 : 0); row += BLOCK)
@@ -233,7 +235,7 @@ INLINE void product(const finish how, local vf *out, local const vf *in, global 
   OPEN(const float, w);
 
 #if !defined(PART)
-/* y [C<LAYERS>][n]; a group a tile. */
+/* y [C<LAYERS>][n]; one group per tile. */
 kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void mlp_fwd(ROWS(float, y), INPUTS, ulong n) {
   local vf tiles[(EVEN + ODD) * LINE];
   STAGE_MEMORY
@@ -256,8 +258,8 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void mlp_fwd(ROWS(floa
 
 #if defined(PART)
 #if CPU
-/* to [TILE][padded channels] = tile [channels][TILE] turned, four by four. Past the layer's own channels is what lies
- * there, and it ends in columns of sums that nobody reads. */
+/* to [TILE][padded channels] = the transpose of tile [channels][TILE], in 4 x 4 blocks. Channels past the layer's own
+ * are read from whatever follows in memory, and only reach columns of sums that nobody reads. */
 INLINE void turn(local float *to, local const float *tile, const int padded) {
 #if LANES == 1
   for (int c = 0; c < padded; c++)
@@ -269,7 +271,7 @@ INLINE void turn(local float *to, local const float *tile, const int padded) {
       const float4 a = vload4(0, from), b = vload4(0, from + TILE), p = vload4(0, from + 2 * TILE),
                    q = vload4(0, from + 3 * TILE);
       local float *row = to + i * padded + c;
-#if defined(__clang__) /* it makes more of the plain form */
+#if defined(__clang__) /* clang generates more instructions from the plain form */
       const float4 ab = __builtin_shufflevector(a, b, 0, 4, 1, 5), ab2 = __builtin_shufflevector(a, b, 2, 6, 3, 7),
                    pq = __builtin_shufflevector(p, q, 0, 4, 1, 5), pq2 = __builtin_shufflevector(p, q, 2, 6, 3, 7);
       vstore4(__builtin_shufflevector(ab, pq, 0, 1, 4, 5), 0, row);
@@ -287,7 +289,7 @@ INLINE void turn(local float *to, local const float *tile, const int padded) {
 #endif
 }
 
-/* dW [rows][vectors] += slope [rows][TILE] turned [TILE][vectors]; rows of dW `padded` vectors long */
+/* dW [rows][vectors] += slope [rows][TILE] times transposed [TILE][vectors]; rows of dW are `padded` vectors long */
 INLINE void add_block(global float *dw, local const float *slope, local const vf *transposed, const int padded,
                       const int rows, const int vectors) {
   SUMS;
@@ -317,7 +319,8 @@ INLINE void add_rows(global float *dw, local const float *slope, local const vf 
   if (REST(rows) > 0) add_block(dw + rest * padded * LANES, slope + rest * TILE, transposed, padded, REST(rows), vectors);
 }
 
-/* dW [outs][ins] += slope [outs][TILE] value^T [TILE][ins]: columns in threes of vectors, four in two twos. */
+/* dW [outs][ins] += slope [outs][TILE] value^T [TILE][ins]: columns three vectors at a time, the last four in two
+ * pairs. */
 INLINE void add_weights(global float *dw, local const vf *slope, local const vf *value, local vf *transposed,
                         const int outs, const int ins, const int row, const int item) {
   const int padded = row / LANES, last = padded % 3 == 1 && padded > 1 ? 4 : padded % 3;
@@ -330,7 +333,8 @@ INLINE void add_weights(global float *dw, local const vf *slope, local const vf 
 }
 
 #else
-/* The same: an item sums 4 x 4 products, whose rows and columns lie apart so that neighbours read neighbours. */
+/* The same on a GPU: an item computes 4 x 4 sums. Their rows and columns are apart, so that neighbouring items read
+ * neighbouring elements. */
 INLINE void add_weights(global float *dw, local const float *slope, local const float *value, local float *transposed,
                         const int outs, const int ins, const int row, const int item) {
   const int down = (outs + 3) / 4, across = (ins + 3) / 4;
@@ -355,7 +359,8 @@ INLINE void add_weights(global float *dw, local const float *slope, local const 
 }
 #endif
 
-/* A piece's gradient, from the tile of the input's: of samples added where they belong, of the batch to the sums. */
+/* Adds a piece's gradient, taken from the tile of the input's gradient: that of a per-sample piece to dx, that of a
+ * per-batch piece to `sums`. */
 INLINE void scatter(global float *dx, const ulong stride, global float *sums, local const vf *tile, const int rows,
                     const int per, const ulong first, const ulong n, const int item) {
   if (per == PER_SAMPLE) {
@@ -376,13 +381,14 @@ INLINE void scatter(global float *dx, const ulong stride, global float *sums, lo
   OPEN(float, dx2);    \
   OPEN(float, dx3);
 
-/* Gradients of the samples of a group's tiles: `each` of them, the last group less. Values are computed again; the
- * gradient of a layer's values takes their place as soon as they are used. sums [group][PART] is overwritten. */
+/* Gradients of the samples of a group's `each` tiles; the last group may have fewer. Activations are computed again;
+ * the gradient of a layer's values overwrites them as soon as they have been used. sums [group][PART] is
+ * overwritten. */
 kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void mlp_bwd(GRADIENTS, SPAN(float, sums),
                                                                        ROWS(const float, dy), INPUTS, ulong each,
                                                                        ulong n) {
 #if CPU
-  local vf values[(VALUES + LANES - 1) * LINE]; /* what `turn` may look at */
+  local vf values[(VALUES + LANES - 1) * LINE]; /* `turn` may read past the last channel */
   local vf transposed[TILE * TURNED];
 #else
   local vf values[VALUES * LINE];
@@ -425,7 +431,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void mlp_bwd(GRADIENTS
   }
 }
 
-/* dW and the gradients of the batch's rows += the sums of all parts, in their order; an item a number. */
+/* dW and the gradients of per-batch rows += the sums of all parts, in the order of the parts; one item per element. */
 kernel void mlp_sum(GRADIENTS, SPAN(float, dw), SPAN(const float, sums), int parts) {
   OPEN_GRADIENTS
   OPEN(float, dw);

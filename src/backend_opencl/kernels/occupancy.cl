@@ -1,13 +1,13 @@
 /* SPDX-License-Identifier: MIT
- * The head's occupancy grid: occupancy_ref.c. Marks, lists, points, cells and bits are the reference's to the bit; of
- * the sum over cells the roundings are added up too.
+ * The head's occupancy grid; the reference is occupancy_ref.c. Marks, lists, points, cells and bits equal the
+ * reference's bit for bit. The sum over cells is compensated: its rounding errors are added up too.
  *
- * In Morton order (x in bit 0, y in bit 1, z in bit 2 of each group of three) a cube of 2x2x2 cells lies together, and
- * so does a block of 4x4x4. */
+ * In Morton order (x in bit 0, y in bit 1, z in bit 2 of each group of three) a cube of 2x2x2 cells is contiguous, and
+ * so is a block of 4x4x4. */
 #pragma OPENCL FP_CONTRACT OFF
 
 enum {
-  LAST = 127, /* cell of an axis */
+  LAST = 127, /* last cell of an axis */
   CELLS = 1 << 21,
   CUBES = CELLS / 8,
   BLOCKS = CELLS / 64,
@@ -29,8 +29,9 @@ float centre_of(uint number, int axis, float reach) {
   return ((float)(2 * (int)gather(number >> axis) - LAST) / (float)LAST) * reach;
 }
 
-/* Numbers of the next cube or block before and behind this one on an axis, whose bits of the number are `bits`; itself
- * at the ends: with ones in the bits between, a carry runs on to the next bit, with zeros a borrow does. */
+/* The number of the cube or block before or behind this one on an axis; at the ends the number itself. `bits` are the
+ * axis' bits of a number. With ones in the bits between, a carry runs on to the next of them; with zeros, a borrow
+ * does. */
 uint before(uint number, uint bits) {
   const uint own = number & bits;
   return own == 0 ? number : ((own - 1) & bits) | (number & ~bits);
@@ -44,9 +45,9 @@ uint behind(uint number, uint bits) {
 
 float dot_of(global const float *a, float x, float y, float z) { return a[0] * x + a[1] * y + a[2] * z; }
 
-/* A camera is [column 0, 1, 2 of its rotation][origin][slopes cx/f, cy/f]. q = transpose(R)(p - o): whether q2 > 0,
- * |q0| < x q2 + slack, |q1| < y q2 + slack; with reach > 0 whether that may be so of a point in the ball of that radius
- * around p. */
+/* Whether a camera sees p: with q = transpose(R)(p - o), whether q2 > 0, |q0| < x q2 + slack, |q1| < y q2 + slack. With
+ * reach > 0: whether that may hold for a point in the ball of that radius around p. A camera is [column 0, 1, 2 of its
+ * rotation R][origin o][slopes x = cx/f, y = cy/f]. */
 int sees(global const float *frustum, float x, float y, float z, float slack, float reach) {
   const float dx = x - frustum[9], dy = y - frustum[10], dz = z - frustum[11];
   const float depth = dot_of(frustum + 6, dx, dy, dz) + reach, wide = slack + reach;
@@ -54,10 +55,11 @@ int sees(global const float *frustum, float x, float y, float z, float slack, fl
          (fabs(dot_of(frustum + 3, dx, dy, dz)) < frustum[13] * depth + wide);
 }
 
-#define MARKED (CPU ? 64 : 1) /* cells a work-item: a block, or one of a block's */
+#define MARKED (CPU ? 64 : 1) /* cells per work-item: a block, or one cell of it */
 
-/* grid [CELLS] = 0 where one of the cameras sees the cell, else -1. A camera is first asked for the ball around the
- * block; the outermost centres are 0.65 of its radius `ball` away from the middle, which leaves room for rounding. */
+/* grid [CELLS] = 0 where one of the cameras sees the cell, else -1. Each camera is first tested against the ball around
+ * the block. The outermost centres are 0.65 of its radius `ball` away from the middle, which leaves a margin for
+ * rounding. */
 kernel void occupancy_mark(SPAN(float, grid), SPAN(const float, frusta), float reach, float slack, float ball,
                            ulong n) {
   OPEN(float, grid);
@@ -88,7 +90,7 @@ kernel void occupancy_mark(SPAN(float, grid), SPAN(const float, frusta), float r
   for (uint i = 0; i < MARKED; i++) grid[begin + i] = seen[i] ? 0.0f : -1.0f;
 }
 
-/* ---- cells to look at -------------------------------------------------------------------------------------------- */
+/* ---- cells to evaluate ------------------------------------------------------------------------------------------- */
 
 /* Bit k of byte n is cell 8n + k. */
 uchar bits_of(int8 truth) {
@@ -106,16 +108,16 @@ kernel void occupancy_open(SPAN(uchar, open), SPAN(const float, grid)) {
   if (cube < CUBES) open[cube] = bits_of(vload8(cube, grid) >= 0.0f);
 }
 
-/* The bits of a block's 64 cells: those that are open, and the neighbours of open ones. On an axis a cell has a low bit
- * of weight `low` in its number and a high one of weight 8*low; bits move by the difference of the numbers, those of
- * the first and the last plane of cells to and from the blocks beside. */
+/* A bit for each of a block's 64 cells: set for the open cells and the neighbours of open ones. On an axis a cell's
+ * number has a low bit of weight `low` and a high one of weight 8*low. Bits are shifted by the difference of the
+ * neighbours' numbers; those of the first and the last plane of cells are shifted to and from the adjacent blocks. */
 ulong needed(global const uchar *open, uint block) {
   const ulong low_zero[3] = {0x5555555555555555, 0x3333333333333333, 0x0F0F0F0F0F0F0F0F};
   const ulong high_zero[3] = {0x00FF00FF00FF00FF, 0x0000FFFF0000FFFF, 0x00000000FFFFFFFF};
   const ulong own = as_ulong(vload8(block, open));
   ulong all = own;
   for (int axis = 0; axis < 3; axis++) {
-    const uint bits = 0x1249u << axis; /* 5 of them: blocks an axis are 32 */
+    const uint bits = 0x1249u << axis; /* 5 bits: 32 blocks per axis */
     const uint low = 1u << axis, high = 8 * low, back = before(block, bits), on = behind(block, bits);
     const ulong lz = low_zero[axis], hz = high_zero[axis];
     all |= ((own >> low) & lz) | ((own >> (high - low)) & ~lz & hz);
@@ -129,12 +131,12 @@ ulong needed(global const uchar *open, uint block) {
 /* Whether a block has an occupied cell. */
 int is_near(global const uchar *bits, uint block) { return as_ulong(vload8(block, bits)) != 0; }
 
-/* The bits of a block's cells that a refresh looks at. */
+/* A bit for each of a block's cells: set for those that a refresh evaluates. */
 ulong due(global const uchar *open, global const uchar *bits, uint block, uint turn, uint mask) {
   return (block & mask) == turn || is_near(bits, block) ? needed(open, block) : 0;
 }
 
-/* count [BLOCKS]: cells of each block that a refresh looks at */
+/* count [BLOCKS]: cells of each block that a refresh evaluates */
 kernel void occupancy_count(SPAN(int, count), SPAN(const uchar, open), SPAN(const uchar, bits), uint turn, uint mask) {
   OPEN(int, count);
   OPEN(const uchar, open);
@@ -158,9 +160,9 @@ kernel void occupancy_list(SPAN(int, cells), SPAN(const int, first), SPAN(const 
   }
 }
 
-/* ---- points to look at ------------------------------------------------------------------------------------------- */
+/* ---- points to evaluate ------------------------------------------------------------------------------------------ */
 
-/* 2u - 1 of u in [0, 1) by the upper 24 bits of a word, which are exact in float */
+/* 2u - 1 for u in [0, 1), made from the upper 24 bits of a word, which are exact in float */
 float either_side(uint word) { return 2 * ((float)(word >> 8) * 0x1p-24f) - 1; }
 
 /* x [3] per cell = centre + uniform(-1, 1) half_cell. */
@@ -189,7 +191,7 @@ kernel void occupancy_scatter(SPAN(float, fresh), SPAN(const int, cells), SPAN(c
 
 /* ---- refresh ----------------------------------------------------------------------------------------------------- */
 
-/* A sum and the roundings that it lacks. */
+/* A compensated sum: its value, and the sum of its rounding errors. */
 struct sum8 {
   float8 value, lost;
 };
@@ -209,15 +211,15 @@ void add(struct sum *a, struct sum b) {
   a->value = value;
 }
 
-/* What is NaN is never the larger. */
+/* NaN is never the larger. */
 float8 larger(float8 most, float8 other) { return select(most, other, other > most); }
 
-/* max(most, the cells of a cube and their neighbours), in the reference's order. A cell's neighbour on an axis is the
- * one whose number differs in that axis' bit, on one side in its own cube and on the other in the next. */
+/* max(most, the cells of a cube and their neighbours), in the reference's order. The number of a cell's neighbour on an
+ * axis differs in that axis' bit; on one side the neighbour is in the same cube, on the other in the next. */
 float8 largest_around(float8 most, global const float *fresh, uint cube) {
   const int8 upper_x = (int8)(0, -1, 0, -1, 0, -1, 0, -1), upper_y = (int8)(0, 0, -1, -1, 0, 0, -1, -1),
              upper_z = (int8)(0, 0, 0, 0, -1, -1, -1, -1);
-  const uint bits = 0x9249; /* 6 of them: cubes an axis are 64 */
+  const uint bits = 0x9249; /* 6 bits: 64 cubes per axis */
   const float8 own = vload8(cube, fresh), x = own.s10325476, y = own.s23016745, z = own.s45670123;
   const uint back_x = before(cube, bits), on_x = behind(cube, bits), back_y = before(cube, bits << 1),
              on_y = behind(cube, bits << 1), back_z = before(cube, bits << 2), on_z = behind(cube, bits << 2);
@@ -232,8 +234,8 @@ float8 largest_around(float8 most, global const float *fresh, uint cube) {
 }
 
 /* grid = max(decay grid, fresh of the cell and its neighbours) where the cell is not marked; the decay is `near` in
- * blocks with an occupied cell, `far` in others whose turn it is, else 1. part [groups][2]: the sum over a group's cells
- * and what it lacks; each of its GROUP work-items takes `each` cubes, one behind the other. */
+ * blocks with an occupied cell, `far` in others whose turn it is, else 1. part [groups][2]: the sum over a group's
+ * cells and its rounding errors; each of the group's GROUP work-items takes `each` consecutive cubes. */
 kernel void occupancy_update(SPAN(float, part), SPAN(float, grid), SPAN(const float, fresh), SPAN(const uchar, bits),
                              float near, float far, uint turn, uint mask, uint each) {
   OPEN(float, part);

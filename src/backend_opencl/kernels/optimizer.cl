@@ -4,11 +4,11 @@
 /* Each product and sum is rounded, as in the reference. */
 #pragma OPENCL FP_CONTRACT OFF
 
-/* p -= rate decay p;  v = beta2 v + (1 - beta2) g^2;  p -= rate g/(sqrt(v/bias_correction) + eps), with
- * keep = 1 - rate decay, fresh = 1 - beta2 and unbias = 1/sqrt(bias_correction), made in double by the host.
- * The root is split, so that v/bias_correction cannot overflow. Where v does, the quotient is taken of a smaller
- * gradient and moment (eps is nothing there), and v is kept at the largest number, from which it comes down again. All
- * [n]. */
+/* p -= rate decay p;  v = beta2 v + (1 - beta2) g^2;  p -= rate g/(sqrt(v/bias_correction) + eps), with keep = 1 - rate
+ * decay, fresh = 1 - beta2 and unbias = 1/sqrt(bias_correction), which the host computes in double.
+ * sqrt(v/bias_correction) is computed as sqrt(v) unbias, so that the quotient cannot overflow. Where v itself
+ * overflows, the step is computed from a scaled gradient and moment (eps is negligible there), and v is stored as the
+ * largest float, from which it decays again. All [n]. */
 kernel void adamw(SPAN(float, parameters), SPAN(float, second_moment), SPAN(const float, gradient), float rate,
                   float keep, float beta2, float fresh, float unbias, float eps, ulong n) {
   OPEN(float, parameters);
@@ -35,8 +35,8 @@ kernel void ema(SPAN(float, average), SPAN(const float, parameters), float fresh
   average[i] += fresh * (parameters[i] - average[i]);
 }
 
-#define GROUP 64              /* values of a group at a time; ERN_CL_SUM_GROUP */
-#define ITEMS (GROUP / WIDTH) /* that look at them */
+#define GROUP 64              /* values that a group tests at a time; ERN_CL_SUM_GROUP */
+#define ITEMS (GROUP / WIDTH) /* work-items of a group */
 
 /* found: [groups], whether one of a group's values, (n + groups - 1)/groups consecutive ones, is not finite */
 kernel __attribute__((reqd_work_group_size(ITEMS, 1, 1))) void finite(SPAN(int, found), SPAN(const float, values),

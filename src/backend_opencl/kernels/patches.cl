@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
- * Structural similarity of patches at several scales, and its gradient (train/patches_ops.h). A work-item has a pixel. A
- * channel of a patch is a plane; plane p is channel p % 3 of patch p/3. Values are less the mean of the recorded plane.
- * Arrays of a scale are [planes][side][side]; `total` is their length. */
+ * Structural similarity of patches at several scales, and its gradient (train/patches_ops.h). One work-item per pixel.
+ * A channel of a patch is a plane; plane p is channel p % 3 of patch p/3. The mean of the recorded plane is subtracted
+ * from values. Arrays of a scale are [planes][side][side]; `total` is their length. */
 
 #pragma OPENCL FP_CONTRACT OFF
 
@@ -42,7 +42,7 @@ float mean_of_four(global const float *whole, ulong i, ulong side) {
   return ((from[0] + from[1]) + (from[2 * side] + from[2 * side + 1])) / 4;
 }
 
-/* side: of the smaller scale; x, y: of it */
+/* x, y: the smaller scale, of which side is the side */
 kernel void patch_halve(SPAN(float, x), SPAN(float, y), SPAN(const float, whole_x), SPAN(const float, whole_y),
                         ulong side, ulong total) {
   OPEN(float, x);
@@ -55,11 +55,11 @@ kernel void patch_halve(SPAN(float, x), SPAN(float, y), SPAN(const float, whole_
   y[i] = mean_of_four(whole_y, i, side);
 }
 
-/* The pixels that a filter takes around number `at` of a line. */
+/* The filter around pixel `at` of a line covers the pixels FIRST .. PAST - 1. */
 #define FIRST(at) ((at) > RADIUS ? (at)-RADIUS : 0)
 #define PAST(at, side) min((at) + RADIUS + 1, side)
 
-/* between [5][total] = A of x, y, x^2, y^2, xy, along columns */
+/* between [5][total] = the filter A applied along columns to x, y, x^2, y^2, xy */
 kernel void patch_columns(SPAN(float, between), SPAN(const float, x), SPAN(const float, y), SPAN(const float, filter),
                           ulong side, ulong total) {
   OPEN(float, between);
@@ -80,7 +80,7 @@ kernel void patch_columns(SPAN(float, between), SPAN(const float, x), SPAN(const
   for (ulong q = 0; q < 5; q++) between[q * total + i] = sum[q];
 }
 
-/* slope [4][total]: of the sum of SSIM by A x, A x^2, A xy; 1 - SSIM */
+/* slope [4][total]: derivatives of the sum of SSIM with respect to A x, A x^2, A xy; then 1 - SSIM */
 kernel void patch_slopes(SPAN(float, slope), SPAN(const float, between), SPAN(const float, base),
                          SPAN(const float, filter), ulong side, ulong total) {
   OPEN(float, slope);
@@ -114,7 +114,7 @@ kernel void patch_sums(SPAN(float, figure), SPAN(const float, slope), float fact
   figure[line] = factor * sum;
 }
 
-/* between [3][total] = A^T of the first three slopes, along columns */
+/* between [3][total] = A^T applied along columns to the first three slopes */
 kernel void patch_columns_bwd(SPAN(float, between), SPAN(const float, slope), SPAN(const float, filter), ulong side,
                               ulong total) {
   OPEN(float, between);
@@ -128,8 +128,8 @@ kernel void patch_columns_bwd(SPAN(float, between), SPAN(const float, slope), SP
   for (ulong q = 0; q < 3; q++) between[q * total + i] = sum[q];
 }
 
-/* What a pixel of a scale gets: its own, and a quarter of what the pixel of the next scale (smaller; null: none) that it
- * is part of gets. */
+/* The gradient of a pixel of a scale: its own, and a quarter of the gradient of the pixel that contains it in the next
+ * scale (`smaller`; null: none). */
 float slope_of(global const float *x, global const float *y, global const float *between, global const float *filter,
                global const float *smaller, float factor, ulong side, ulong total, ulong i) {
   const ulong r = i / side % side, c = i % side, line = i - c, plane = i / (side * side);
@@ -152,7 +152,7 @@ kernel void patch_bwd(SPAN(float, d), SPAN(const float, x), SPAN(const float, y)
   if (i < total) d[i] = slope_of(x, y, between, filter, smaller, factor, side, total, i);
 }
 
-/* The same of the whole patch, into the gradient of its rays. */
+/* The same for the patch at full size, added to the gradient of its rays. */
 kernel void patch_rays_bwd(ROWS(float, dpixel), SPAN(const float, x), SPAN(const float, y), SPAN(const float, between),
                            SPAN(const float, filter), SPAN(const float, smaller), float factor, ulong side,
                            ulong total) {

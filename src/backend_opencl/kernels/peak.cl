@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * What a device can reach: multiply-adds in registers, reads at random places of a small table, and streams. What is
- * asked of it is the same as of a core in backend_cpu/peak_body.h. */
+ * Kernels that measure a device's peaks: multiply-adds in registers, reads at random places of a small table, and
+ * streams. The work is the same as that of a core in backend_cpu/peak_body.h. */
 #define JOIN(a, b) a##b
 #define VECTOR(type, width) JOIN(type, width)
 #if WIDTH == 1
@@ -15,10 +15,10 @@ typedef VECTOR(uint, WIDTH) index;
 #define STORE(value, place) VECTOR(vstore, WIDTH)(value, 0, place)
 #endif
 
-#define MULTIPLY_CHAINS 12 /* independent, so that units of several cycles are kept busy */
+#define MULTIPLY_CHAINS 12 /* independent, to hide the latency of the arithmetic units */
 #define GATHER_CHAINS 4
 #define TABLE_BITS 14 /* the table has 2^14 floats: 64 KiB, a level of a hash grid */
-#define BLOCK 4096    /* floats that an item of a CPU copies; neighbouring items of a GPU take neighbouring float4 */
+#define BLOCK 4096    /* floats that an item copies on a CPU; on a GPU neighbouring items take neighbouring float4 */
 
 lanes multiply_add(lanes x, lanes a, lanes b) {
 #ifdef FP_FAST_FMAF
@@ -57,7 +57,7 @@ kernel void peak_multiply(SPAN(float, sink), uint turns) {
 #endif
 lanes gather(lanes sum, index at, global const float *table) { return sum + (lanes)(AT(at)); }
 
-/* Indices come from a linear congruence, its high bits (Numerical Recipes' constants). */
+/* Indices are the high bits of a linear congruential generator (Numerical Recipes' constants). */
 kernel void peak_gather(SPAN(float, sink), SPAN(const float, table), uint turns) {
   OPEN(float, sink);
   OPEN(const float, table);
@@ -97,7 +97,7 @@ kernel void peak_copy(SPAN(float, to), SPAN(const float, from), ulong count) {
 #endif
 }
 
-/* x = -x in place: no line is fetched only to be overwritten. */
+/* x = -x in place: no cache line is fetched only to be overwritten. */
 kernel void peak_update(SPAN(float, x), ulong count) {
   OPEN(float, x);
   const ulong item = get_global_id(0);

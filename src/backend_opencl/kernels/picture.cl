@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * Between bytes and rows (picture_ops.h): a work-item takes WIDTH pixels. The same numbers as the reference's. */
+ * Conversion between pictures of bytes and rows of floats (picture_ops.h); a work-item takes WIDTH pixels. The results
+ * equal the reference's. */
 
 #pragma OPENCL FP_CONTRACT OFF
 
@@ -8,7 +9,8 @@ ulong count_of(ulong i, ulong n) { return i < n ? min(n - i, (ulong)WIDTH) : 0; 
 
 /* ---- in ---- */
 
-/* byte/255, correctly rounded on devices too whose division is not: the quotient's remainder is exact, and small. */
+/* byte/255, correctly rounded even on devices whose division is not: the remainder of the quotient is exact and small,
+ * and corrects it. */
 floatw share_of(uintw byte) {
   const floatw value = JOINW(convert_float)(byte), quotient = value * (1.0f / 255);
   return fma(fma(-quotient, (floatw)255, value), (floatw)(1.0f / 255), quotient);
@@ -21,7 +23,7 @@ uintw load_rgba(global const uchar *from, ulong count) {
   return LOADW(word);
 }
 
-/* Likewise of byte [count][3]. */
+/* The same for byte [count][3]; the high byte is 0. */
 uintw load_rgb(global const uchar *from, ulong count) {
   uint word[WIDTH];
   for (uint l = 0; l < WIDTH; l++)
@@ -72,8 +74,8 @@ void store_rgb(global float *to, floatw x, floatw y, floatw z, ulong count) {
   for (uint l = 0; l < count; l++) vstore3((float3)(word[0][l], word[1][l], word[2][l]), l, to);
 }
 
-/* rgba: byte [n][4], rgb: [n][3], alpha: [n]; null: not wanted. pixel: [3] per pixel; head, torso: [n]; head null: over
- * a background, where alpha is 1. */
+/* rgba: byte [n][4], rgb: [n][3], alpha: [n]; null: not wanted. pixel: [3] per pixel; head, torso: [n]; head null: the
+ * pixels include a background, and alpha is 1. */
 kernel void picture(SPAN(uchar, rgba), SPAN(float, rgb), SPAN(float, alpha), ROWS(const float, pixel),
                     SPAN(const float, head), SPAN(const float, torso), ulong n) {
   OPEN(uchar, rgba);
@@ -100,7 +102,7 @@ kernel void picture(SPAN(uchar, rgba), SPAN(float, rgb), SPAN(float, alpha), ROW
 
 /* ---- some pixels ---- */
 
-/* to(c, i) = from(c, pixel[i]): an item takes a pixel */
+/* to(c, i) = from(c, pixel[i]); one item per pixel */
 kernel void gather(ROWS(float, to), ROWS(const float, from), SPAN(const int, pixel), int channels, ulong n) {
   OPEN(float, to);
   OPEN(const float, from);

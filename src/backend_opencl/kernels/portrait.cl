@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * Before frames: a model laid out for the fused passes (tile.cl). */
+ * Run once before the frames: they lay out a model for the fused kernels (tile.cl). */
 /* value (c0, c1) = table[index(c0, c1)], for a level of [side][side] values: dense while that fits, else the hash. */
 kernel void unhash(SPAN(float, value), SPAN(const float, table), uint side, uint size, int hashed, ulong n) {
   OPEN(float, value);

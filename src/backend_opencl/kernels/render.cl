@@ -1,27 +1,27 @@
 /* SPDX-License-Identifier: MIT
- * The fused pass of rendering: march, field and composite of a frame's rays in one kernel, from pixel numbers to
+ * The fused kernel of rendering: march, field and compositing of a frame's rays in one kernel, from pixel numbers to
  * pixels.
  *
- * Each of an item's lanes (tile.cl) has a ray in flight, and the next sample of all of them is evaluated at once. A ray
- * that is spent, or has no sample left, is written out and its lane takes the next ray off a counter, so lanes are full
- * until the frame ends, and no sample behind the light's end is ever computed. Rays do not know of each other: whoever
- * takes one, its values are the same.
+ * Each lane of an item (tile.cl) processes one ray at a time, and the next samples of all lanes are evaluated at once.
+ * When the transmittance of a ray is below the stop, or it has no sample left, it is written out and its lane takes the
+ * next ray from a shared counter. So lanes are full until the frame ends, and no sample past the stop is ever computed.
+ * Rays are independent: the values of a ray do not depend on the lane that takes it.
  *
  * Built for one model's shape: LEVELS; FEATURES = 3 LEVELS, ATTENTION, VALUES, EYE (0 or 1), EYE_HIDDEN, DENSITY,
  * COLOUR: widths; AT_x: where in `net` matrix x begins; ROW_x: where in a tile x begins, TILE_ROWS its rows; A0 B0 A1
  * B1 A2 B2: the axes of the planes. And for one device: GROUP, VECTORS, OUTPUTS. */
-#define CHUNK (WIDTH == 1 ? 1 : 64) /* rays that are taken at once */
-#define SIDE 8    /* pixels an edge of a block that nearest[] has a value for */
-#define CELLS 128 /* of the occupancy, an axis */
+#define CHUNK (WIDTH == 1 ? 1 : 64) /* rays that are taken from the counter at once */
+#define SIDE 8    /* pixels per edge of the blocks for which nearest[] has values */
+#define CELLS 128 /* cells of the occupancy grid per axis */
 
-/* What a frame decides; as in render_head.c. */
+/* Parameters of a frame; the same struct as in render_head.c. */
 struct frame {
   float pose[12], focal, cx, cy, bound, inverse_bound, dt_gamma, near, shortest, longest, stop, eye_value;
   int width, height, max_steps, picture; /* picture: rays are all pixels, dealt block by block */
-  uint across, rays, tickets;            /* blocks a row; rays; numbers that are dealt */
+  uint across, rays, tickets;            /* blocks per row; rays; numbers that the counter deals */
 };
 
-/* Where rays go. */
+/* Where the results of rays are written. */
 struct output {
   global float *pixel, *colour, *opacity, *depth, *attention, *eye;
   global const float *background;
@@ -45,7 +45,7 @@ INLINE void look(floatw d[3], const struct frame *f, uintw column, uintw row) {
   EACH_AXIS d[axis] = f->pose[4 * axis] * unit[0] + f->pose[4 * axis + 1] * unit[1] + f->pose[4 * axis + 2] * unit[2];
 }
 
-/* Where a ray is inside the box, near <= t <= far; lanes where it is. */
+/* The part of each ray inside the box, near <= t <= far. Returns the lanes whose rays meet the box. */
 INLINE intw enter(floatw *near, floatw *far, const struct frame *f, const floatw inverse[3]) {
 #pragma OPENCL FP_CONTRACT OFF
   intw valid = NOT((intw)(0));
@@ -66,15 +66,15 @@ INLINE intw enter(floatw *near, floatw *far, const struct frame *f, const floatw
   return valid;
 }
 
-/* Bits 0 to 6 of x, to every third place. */
+/* Moves bits 0 to 6 of x to every third place. */
 INLINE uintw spread(uintw x) {
   x = (x | x << 8) & 0x0F00F00Fu;
   x = (x | x << 4) & 0xC30C30C3u;
   return (x | x << 2) & 0x49249249u;
 }
 
-/* Along the sequence t_{k+1} = t_k + dt(t_k), from t on, to the first distance in an occupied cell; lanes of `going` that have
- * one before `far`. */
+/* Advances along the sequence t_{k+1} = t_k + dt(t_k), from t on, to the first distance in an occupied cell. Returns
+ * the lanes of `going` that have one before `far`. */
 INLINE intw find(floatw *t_of, intw going, floatw far, const floatw d[3], const floatw inverse[3],
                  const struct frame *f, global const uchar *bits) {
 #pragma OPENCL FP_CONTRACT OFF
@@ -93,7 +93,7 @@ INLINE intw find(floatw *t_of, intw going, floatw far, const floatw d[3], const 
     found |= occupied;
     going &= NOT(occupied);
     if (!ANY(going)) break;
-    /* on along the sequence until past the cell's border */
+    /* steps along the sequence until past the cell's border */
     floatw least = INFINITY;
     EACH_AXIS {
       const floatw ahead = select((floatw)(1), (floatw)(0), signbit(d[axis]));
@@ -118,7 +118,7 @@ INLINE intw find(floatw *t_of, intw going, floatw far, const floatw d[3], const 
   return found;
 }
 
-/* ---- rays coming in and going out ---- */
+/* ---- rays are taken and written out ---- */
 
 struct queue { /* rays that have a sample, at distance t, and wait for a lane */
   float t[CHUNK], far[CHUNK], d[3][CHUNK];
@@ -213,7 +213,7 @@ INLINE bool take(struct flight *flight, int lane, struct queue *q, const struct 
   return true;
 }
 
-/* An empty lane goes on with zeros, and nobody reads what becomes of it. */
+/* Marks a lane as empty. It computes with zeros from then on, and its results are not read. */
 INLINE void leave_empty(struct flight *flight, int lane) {
   LANE_INT(flight->ray, lane) = -1;
   LANE(flight->t, lane) = LANE(flight->transmittance, lane) = 0;
@@ -227,8 +227,9 @@ struct level { /* [resolution + 1][row] values from `at` on: (c0, c1) at c0 + c1
   uint row, at, unused;
 };
 
-/* Features of one plane, bilinear in its levels. a, b: the plane's coordinates on [0, 1]. All cells of a level first;
- * they go through memory, from where scalar loads take them: out of registers they would hold up the shuffles. */
+/* Features of one plane, by bilinear interpolation in each level. a, b: the plane's coordinates on [0, 1]. The cells of
+ * a level are computed first and stored in memory, from where scalar loads read them: extracting them from vector
+ * registers would keep the shuffle unit busy. */
 INLINE void encode_plane(local floatw *tile, const floatw a[VECTORS], const floatw b[VECTORS],
                          global const struct level *level, global const float *dense) {
 #pragma OPENCL FP_CONTRACT OFF
@@ -266,8 +267,8 @@ PRODUCT(product_three, 3)
 LAYER(eye_layer, EYE_HIDDEN, FEATURES)
 #endif
 
-/* |W_v h|. Squares of floats may leave float where the norm does not: they are summed once more of values that are made
- * smaller, and larger. */
+/* |W_v h|. The squares may overflow or underflow float where the norm does not: two further sums are of values scaled
+ * down and of values scaled up. */
 INLINE void attention_norm(floatw norm[VECTORS], global const float *a, local const floatw *hidden) {
   floatw total[VECTORS], of_huge[VECTORS], of_tiny[VECTORS];
   EACH_VECTOR total[v] = of_huge[v] = of_tiny[v] = 0;
@@ -317,7 +318,7 @@ INLINE void harmonics(local floatw *y, floatw x, floatw v, floatw z) {
 }
 #endif
 
-/* From features to sigma and rgb; d: directions of the rays. */
+/* Computes sigma and rgb from the features in the tile and the directions of the rays. */
 INLINE void field(struct values *out, local floatw *tile, const struct flight *flight, global const float *net,
                   float eye_value, bool norm_wanted) {
   local floatw *attention = tile + AT(FEATURES, 0);
@@ -348,7 +349,7 @@ INLINE void field(struct values *out, local floatw *tile, const struct flight *f
   EACH_ROW(3) EACH_VECTOR out->rgb[r][v] = 1.002f * sigmoid(full(three[r][v])) - 0.001f;
 }
 
-/* Encoder and field of the samples that the lanes are at. */
+/* Encoder and field of the current samples of the lanes. */
 INLINE void evaluate(struct values *out, local floatw *tile, const struct flight *flight, const struct frame *f,
                      global const struct level *level, global const float *dense, global const float *net,
                      bool norm_wanted) {
@@ -364,7 +365,8 @@ INLINE void evaluate(struct values *out, local floatw *tile, const struct flight
   field(out, tile, flight, net, f->eye_value, norm_wanted);
 }
 
-/* w = alpha T, T *= 1 - alpha (paper eq. 1-2), then on to the next sample of each ray; found[]: there is one. */
+/* w = alpha T, T *= 1 - alpha (paper eq. 1-2); then each ray advances to its next sample; found[]: whether there is
+ * one. */
 INLINE void advance(struct flight *flight, const struct values *values, const struct frame *f, bool norm_wanted,
                     global const uchar *bits) {
 #pragma OPENCL FP_CONTRACT OFF

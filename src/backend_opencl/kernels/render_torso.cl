@@ -1,15 +1,15 @@
 /* SPDX-License-Identifier: MIT
- * The torso over a picture in one kernel: choice of pixels, deformation, grid, network and compositing.
+ * Draws the torso over a picture in one kernel: choice of pixels, deformation, grid, network and compositing.
  *
- * A first layer sees encodings of a pixel's row and column: what each of them adds is worked out once a row and once a
- * column, so that a pixel's part is a sum of two. WIDTH pixels of a row are a segment. An item walks down patches of
- * the picture that it takes off a counter, and a tile is VECTORS segments with a pixel that the occupancy reaches
- * (tile.cl).
+ * The inputs of a first layer are encodings of a pixel's row and column. What each row and each column contributes is
+ * computed once, so that a pixel needs only the sum of two terms. A segment is WIDTH pixels of a row. An item takes
+ * patches of the picture from a shared counter and goes through their rows. A tile (tile.cl) is VECTORS segments with a
+ * pixel whose occupancy is above the threshold.
  *
  * Built with LEVELS; AT_x: where in `net` matrix x begins; ROW_x: where in a tile x begins, TILE_ROWS its rows; and
  * GROUP, VECTORS, OUTPUTS. */
 #define HIDDEN 32
-#define TERMS (2 * HIDDEN) /* of the first layers: the deformation's, the network's */
+#define TERMS (2 * HIDDEN) /* units of the first layers: the deformation's, then the network's */
 #define OCTAVES 8
 #define ENCODED (1 + 2 * OCTAVES) /* values of one coordinate: itself, then sine and cosine by octave */
 #define Q_ROWS (2 * ENCODED)
@@ -17,7 +17,7 @@
 #define INTW(x) JOINW(convert_int)(x)
 #define PATCH (WIDTH == 1 ? 1 : 32) /* rows of a patch, which is WIDTH pixels wide */
 
-/* What a frame decides; as in render_torso.c. */
+/* Parameters of a frame; the same struct as in render_torso.c. */
 struct torso_frame {
   int width, height;
   float threshold, shrink;
@@ -29,7 +29,8 @@ struct torso_level { /* entry (row, column) = (row + column*step) & mask, of two
   uint step, mask, at;
 };
 
-/* First layers as the parameters have them: where unit 0's inputs [q, k, code] begin; from one unit to the next. */
+/* Where the parameters hold the first layers. at: start of unit 0's inputs [q, k, code]; step: from one unit to the
+ * next. */
 struct first_layers {
   ulong at[2], step[2];
 };
@@ -39,7 +40,7 @@ struct first_layers {
 
 /* ---- once a frame: the first layers ---- */
 
-/* bias_j = the part of the pose and of the individual code. */
+/* bias_j = what the pose and the individual code contribute to unit j. */
 kernel void torso_bias(SPAN(float, bias), SPAN(const float, parameters), SPAN(const float, pose),
                        SPAN(const float, code), uint pose_rows, uint code_rows, const struct first_layers first) {
   OPEN(float, bias);
@@ -55,7 +56,8 @@ kernel void torso_bias(SPAN(float, bias), SPAN(const float, parameters), SPAN(co
   bias[j] = sum;
 }
 
-/* rows [height][TERMS], columns [TERMS][padded], the bias with the latter. Item i: row i, then column i - height. */
+/* rows [height][TERMS], columns [TERMS][padded]; the bias is added to columns. Item i computes row i, or column i -
+ * height where i >= height. */
 kernel void torso_terms(SPAN(float, rows), SPAN(float, columns), SPAN(const float, bias), SPAN(const float, parameters),
                         const struct torso_frame frame, uint padded, const struct first_layers first) {
 #pragma OPENCL FP_CONTRACT OFF
@@ -116,7 +118,7 @@ INLINE void encode(local floatw *tile, floatw u[2][VECTORS], intw outside[VECTOR
   for (int l = 0; l < LEVELS; l++) {
     const struct torso_level of = level[l];
     global const float *value = table + of.at;
-    uintw entry[VECTORS][4]; /* twice its number, of (row, column), (row + 1, column), then of the next column */
+    uintw entry[VECTORS][4]; /* twice the entry's number: (row, column), (row + 1, column), then of the next column */
     floatw lower[VECTORS], later[VECTORS];
     EACH_VECTOR {
       const floatw p = full(u[0][v]) * of.scale + 0.5f, q = full(u[1][v]) * of.scale + 0.5f;
@@ -146,8 +148,8 @@ LAYER(hidden_layer, HIDDEN, HIDDEN)
 PRODUCT(product_two, 2)
 PRODUCT(product_four, 4)
 
-/* First layers: the deformation's after its ReLU in `tile`, the network's, to which the grid will be added, in rows
- * ROW_BEGIN on. */
+/* First layers. The deformation's, after its ReLU, is in `tile`; the network's, to which the grid's part will be added,
+ * is in rows ROW_BEGIN on. */
 INLINE void begin(local floatw *tile, const struct segment segment[VECTORS], global const float *rows,
                   global const float *columns, uint padded) {
   for (int j = 0; j < TERMS; j++) {
@@ -162,7 +164,7 @@ INLINE void begin(local floatw *tile, const struct segment segment[VECTORS], glo
   }
 }
 
-/* u = (clamp(q + d, -1, 1) + 1)/2, d being the deformation; 0 for what is NaN. */
+/* u = (clamp(q + d, -1, 1) + 1)/2, d being the deformation; 0 where that is NaN. */
 INLINE void place(floatw u[2][VECTORS], intw outside[VECTORS], floatw moved_by[2][VECTORS],
                   const struct segment segment[VECTORS], const struct torso_frame *f) {
 #pragma OPENCL FP_CONTRACT OFF
@@ -215,7 +217,7 @@ INLINE void composite(global float *pixel, ulong stride, global float *opacity, 
   if (opacity) storew_first(opacity + at, select((floatw)(0), alpha, segment->chosen), left);
 }
 
-/* ---- the picture; the opacity is zero before ---- */
+/* ---- the picture; the caller sets the opacity to zero ---- */
 
 kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void
 render_torso(ROWS(float, pixel), SPAN(float, opacity), SPAN(const float, grid), SPAN(const float, rows),

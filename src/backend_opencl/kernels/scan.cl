@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * Running sums of int32, none of which is negative. A work-item takes a run of `each` values, a group one behind the
- * other. */
+ * Prefix sums of int32, none of which is negative. A work-item takes a run of `each` values, a group consecutive
+ * runs. */
 
 /* Sum of count[begin .. end). */
 ulong run_sum(global const int *count, ulong begin, ulong end) {
@@ -9,7 +9,7 @@ ulong run_sum(global const int *count, ulong begin, ulong end) {
   return sum;
 }
 
-/* Sum of the items before this one; the last item's `own` added gives the group's. */
+/* Sum of the items before this one. For the last item, this plus its `own` is the group's sum. */
 ulong sum_before(local ulong *sums, ulong own) {
   const size_t item = get_local_id(0), items = get_local_size(0);
   ulong sum = own;
@@ -24,7 +24,7 @@ ulong sum_before(local ulong *sums, ulong own) {
   return sum - own;
 }
 
-/* sum[g] of group g's values; one more than an int can be where it is more. */
+/* sum[g] = the sum of group g's values, at most INT_MAX + 1. */
 kernel void scan_sums(SPAN(uint, sum), SPAN(const int, count), ulong each, ulong n, local ulong *sums) {
   OPEN(uint, sum);
   OPEN(const int, count);
@@ -33,8 +33,8 @@ kernel void scan_sums(SPAN(uint, sum), SPAN(const int, count), ulong each, ulong
   if (get_local_id(0) + 1 == get_local_size(0)) sum[get_group_id(0)] = (uint)min(before + own, (ulong)INT_MAX + 1);
 }
 
-/* first[i] = base[group] + the group's values before i, and behind the last of all the total, which also goes into
- * total[2] as its lower and its upper half. base null: one group, from 0. */
+/* first[i] = base[group] + the sum of the group's values before i; first[n] = the total. total [2]: the lower and the
+ * upper half of the total, null: not wanted. base null: one group, from 0. */
 kernel void scan(SPAN(int, first), SPAN(uint, total), SPAN(const int, count), SPAN(const int, base), ulong each,
                  ulong n, local ulong *sums) {
   OPEN(int, first);

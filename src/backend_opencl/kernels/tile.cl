@@ -1,9 +1,10 @@
 /* SPDX-License-Identifier: MIT
- * In front of the fused passes' sources: vectors of lanes, and the layers of a network over a tile of them.
+ * This text is put in front of the sources of the fused kernels: vectors of lanes, and the layers of a network over a
+ * tile of lanes.
  *
- * A work-item has LANES lanes, VECTORS vectors of WIDTH; a group has GROUP items. A tile is what all lanes of a group
- * are at; its activations lie in local memory, [rows][VECTORS][GROUP] vectors, and an item reads and writes its own
- * columns alone: nothing waits for anything. OUTPUTS of a layer are summed at once.
+ * A work-item has LANES lanes, VECTORS vectors of WIDTH; a group has GROUP items. A tile is the samples or pixels that
+ * all lanes of a group process at one time. Its activations are in local memory, [rows][VECTORS][GROUP] vectors. An
+ * item reads and writes only its own columns, so no barriers are needed. OUTPUTS outputs of a layer are summed at once.
  *
  * A matrix is packed in blocks of BLOCK(outputs) rows, in a block column by column: [outputs/BLOCK][inputs][BLOCK]. */
 
@@ -14,7 +15,7 @@
 #define BLOCK(n) ((n) < OUTPUTS ? (n) : OUTPUTS)
 #define AT(row, v) ((row) * TILE + (v) * GROUP)
 
-/* Truth of common.cl's vectors is joined by & and |, and NOT. */
+/* Truth values of common.cl's vectors: combine them by &, | and NOT. */
 #if WIDTH == 1
 #define ANY(m) ((m) != 0)
 #define WHOLE(x) convert_uint_rtz(x)
@@ -82,8 +83,8 @@ INLINE floatw sigmoid(floatw x) { return 1 / (1 + exp(-x)); }
 
 #define EACH_ROW(rows) _Pragma("unroll") for (int r = 0; r < (rows); r++)
 
-/* sum += A x over `count` inputs: a block of `rows`, known before functions are inlined, so that loops over it are
- * unrolled and the sums are registers. GPUs read weights by fours. */
+/* sum += A x over `count` inputs, for a block of `rows`. `rows` is known before functions are inlined, so that loops
+ * over it are unrolled and the sums stay in registers. GPUs read four weights at a time. */
 #if WIDTH == 1
 #define WEIGH(r, weight) EACH_VECTOR sum[r][v] += (weight) * value[v];
 #define FOUR(rows)                                                                                \
@@ -112,7 +113,7 @@ INLINE floatw sigmoid(floatw x) { return 1 / (1 + exp(-x)); }
   }
 
 /* y = relu(start + A x), or relu(begin + A x); start [outputs]: the same for all lanes; begin: rows of a tile; 0: none.
- * y may be x where all outputs are one block. A NaN stays one. */
+ * y may be x where all outputs are one block. NaN stays NaN. */
 #define LAYER(name, outputs, count)                                                            \
   PRODUCT(product_##name, BLOCK(outputs))                                                      \
   INLINE void name(local floatw *y, global const float *start, local const floatw *begin,      \

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
- * The torso: pose encoding, coordinates, choice of pixels, deformation, compositing, 2D occupancy (docs/maths.md, Torso).
- * Products are rounded before they are added, as in the reference: all backends look at the same pixels and points. */
+ * The torso: pose encoding, coordinates, choice of pixels, deformation, compositing, 2D occupancy (docs/maths.md,
+ * Torso). Products are rounded before they are added, as in the reference: all backends evaluate the same pixels and
+ * points. */
 #pragma OPENCL FP_CONTRACT OFF
 
 enum { SIDE = 128, CELLS = SIDE * SIDE };
@@ -13,8 +14,8 @@ struct inverse {
   float high[16], low[16];
 };
 
-/* sum_i m[step*i] x[i], four terms, as if in double and rounded once: what each float product and sum loses is kept
- * beside the sum. A sum that overflows has lost nothing that could be told. */
+/* sum_i m[step*i] x[i], four terms, as if computed in double and rounded once: `rest` collects the rounding errors of
+ * the products and sums. It is not used where the sum overflows. */
 static float dot4(const float *high, const float *low, int step, const float *x) {
   float sum = 0, rest = 0;
   for (int i = 0; i < 4; i++) {
@@ -31,8 +32,8 @@ static void transform(float *moved, const struct inverse *inverse, global const 
   for (int i = 0; i < 4; i++) moved[i] = dot4(inverse->high + 4 * i, inverse->low + 4 * i, 1, x);
 }
 
-/* A key point near the camera's plane is taken to be NEAREST off it, and no projection is beyond FARTHEST, as in the
- * reference. */
+/* A key point closer than NEAREST to the camera's plane is moved to that distance, and projections are clamped to
+ * +-FARTHEST, as in the reference. */
 #define NEAREST 1e-3f
 #define FARTHEST 1e6f
 static bool is_near_zero(float x) { return x > -NEAREST && x < NEAREST; }
@@ -84,7 +85,7 @@ kernel void torso_pose_bwd(SPAN(float, danchors), SPAN(float, dgamma), SPAN(cons
 
 /* ---- pixels ---- */
 
-/* 2i/(side-1) - 1; a side of one pixel is at 0. */
+/* 2i/(side-1) - 1; 0 where the side is one pixel. */
 static float coordinate(int i, int side) { return side > 1 ? (float)(2 * i - (side - 1)) / (float)(side - 1) : 0.0f; }
 
 /* q [2][n] */
@@ -121,7 +122,7 @@ kernel void torso_reached(SPAN(int, reached), SPAN(const int, pixel), SPAN(const
   reached[i] = interpolate(grid, coordinate(row, height), coordinate(column, width)) > threshold ? 1 : 0;
 }
 
-/* first[i]: how many were reached before i. index, selected: those reached, ascending */
+/* first[i]: how many pixels before i are reached. index, selected: those reached, ascending */
 kernel void torso_gather(SPAN(int, index), SPAN(int, selected), SPAN(const int, reached), SPAN(const int, first),
                          SPAN(const int, pixel), ulong n) {
   OPEN(int, index);
@@ -150,7 +151,7 @@ kernel void torso_deform_fwd(ROWS(float, x), ROWS(const float, q), ROWS(const fl
   }
 }
 
-/* dd = dx where the clamp did not hold x; at its ends it did not */
+/* dd = dx where the clamp does not change x, the ends -1 and 1 included; else 0 */
 kernel void torso_deform_bwd(ROWS(float, dd), ROWS(const float, dx), ROWS(const float, q), ROWS(const float, d),
                              ulong n) {
   OPEN(float, dd);
@@ -167,7 +168,7 @@ kernel void torso_deform_bwd(ROWS(float, dd), ROWS(const float, dx), ROWS(const 
 
 /* ---- compositing: pixel = a rgb + (1 - a) background; layer [4][n]: alpha, r, g, b ---- */
 
-/* What pixels that are not in the list have. background null: it lies in pixel already. */
+/* Fills pixels as where there is no torso: the background, and opacity 0. background null: pixel already holds it. */
 kernel void torso_untouched(ROWS(float, pixel), SPAN(float, opacity), ROWS(const float, background), ulong rays) {
   OPEN(float, pixel);
   OPEN(float, opacity);
@@ -239,7 +240,7 @@ kernel void torso_points(ROWS(float, q), float shrink, ulong seed, ulong step, u
   q[q_stride + cell] = look_at(cell / SIDE, word[1], shrink);
 }
 
-/* grid = max(decay grid, 5 x 5 maximum of alpha, cut at the edges); a NaN of alpha is passed over */
+/* grid = max(decay grid, 5 x 5 maximum of alpha, cut at the edges); NaN in alpha is ignored */
 kernel void torso_update(SPAN(float, grid), SPAN(const float, alpha), float decay) {
   OPEN(float, grid);
   OPEN(const float, alpha);

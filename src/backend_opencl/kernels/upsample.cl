@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * A small picture drawn larger (upsample_ops.h): a work-item takes a pixel. The same sums in the same order as the
- * reference's. */
+ * Upsamples a picture (upsample_ops.h); one work-item per pixel. The sums and their order are those of the
+ * reference. */
 
 #pragma OPENCL FP_CONTRACT OFF
 
@@ -16,7 +16,8 @@ static int place_of(int pixel, float ratio, float weight[4]) {
 
 static float clamped(float value, float most) { return value > 0 ? (value < most ? value : most) : 0; }
 
-/* large: [channels] per pixel of width x height; small: likewise; background: [3], null: none (ern_upsample_args). */
+/* large: [channels] per pixel of width x height; small: the same of small_width x small_height; background: [3], null:
+ * none (ern_upsample_args). */
 kernel void upsample_picture(ROWS(float, large), ROWS(const float, small), ROWS(const float, background), int channels,
                     int width, int height, int small_width, int small_height, float ratio) {
   OPEN(float, large);
