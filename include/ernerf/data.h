@@ -23,8 +23,9 @@ typedef struct ern_features {
 } ern_features;
 
 /* Reads a .npy file of shape [T, window_length, D] in float16, float32 or float64, C order. A value beyond -1e30..1e30
- * is ERN_E_FORMAT, an infinity or NaN ERN_E_NONFINITE; the error text has its index. Another shape is ERN_E_SHAPE,
- * another type or order ERN_E_UNSUPPORTED. On success the caller owns features->data (ern_features_free). */
+ * is ERN_E_FORMAT, an infinity, a NaN or a float64 above float's range ERN_E_NONFINITE; the error text has its index.
+ * Another shape is ERN_E_SHAPE, another type or order ERN_E_UNSUPPORTED. On success the caller owns features->data
+ * (ern_features_free). */
 ERN_API ERN_NODISCARD ern_status ern_features_load(ern_context *context, const char *path, ern_features *features);
 /* Writes such a file as float32 (base.h, "How files are written"). */
 ERN_API ERN_NODISCARD ern_status ern_features_save(ern_context *context, const char *path,

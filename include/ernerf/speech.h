@@ -49,10 +49,10 @@ ERN_API ERN_NODISCARD ern_status ern_speech_stream_end(ern_speech_stream *stream
 ERN_API size_t ern_speech_stream_pull(ern_speech_stream *stream, float *rows, size_t count);
 
 /* Computes the built-in features of a sound file: [windows][16][13]. FFmpeg reads the file; the sound has 1000 samples
- * a second at least and lasts 4 hours at most, else ERN_E_SHAPE. There is one window for each 1/25 s of sound, also for
- * an incomplete last one. Window t holds the rows 2t-8 .. 2t+7; a row before the first or after the last one is
- * replaced by the nearest. warp: as in ern_speech_stream_open. On success the caller owns *features
- * (ern_features_free). */
+ * a second at least, is not empty and lasts 4 hours at most, else ERN_E_SHAPE; errors of its samples are those of
+ * ern_speech_stream_push. There is one window for each 1/25 s of sound, also for an incomplete last one. Window t holds
+ * the rows 2t-8 .. 2t+7; a row before the first or after the last one is replaced by the nearest. warp: as in
+ * ern_speech_stream_open. On success the caller owns *features (ern_features_free). */
 ERN_API ERN_NODISCARD ern_status ern_speech_features(ern_context *context, const char *path, float warp,
                                                      ern_features *features);
 
@@ -71,7 +71,7 @@ ERN_API ERN_NODISCARD ern_status ern_speech_open(ern_context *context, const cha
                                                  ern_features *features);
 
 /* Whether a file is taken for sound, not for features. It holds features if its name ends in ".npy" or its content
- * begins as a .npy file does. true also for NULL and for a file that cannot be read. */
+ * begins as a .npy file does. true also for NULL, and for a file of another name that cannot be read. */
 ERN_API bool ern_speech_is_sound(const char *path);
 
 /* ---- networks ---------------------------------------------------------------------------------------------------- */
