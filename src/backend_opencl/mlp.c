@@ -39,11 +39,11 @@ static size_t line(const struct plan *plan, bool cpu) {
   return (size_t)(plan->group * plan->vectors + (cpu ? 0 : 1)) * (size_t)plan->lanes;
 }
 
-/* Local memory of a tile of `channels`, and of a transposed tile (sample by sample) of `turned` channels. */
+/* Local memory of a tile of `channels`, and of a transposed tile (sample by sample) of `transposed` channels. */
 static size_t local_bytes(const struct plan *plan, bool cpu, size_t channels, size_t transposed) {
   const size_t tile = (size_t)(plan->group * plan->vectors * plan->lanes), lanes = (size_t)plan->lanes;
-  const size_t turned_bytes = tile * ((transposed + lanes - 1) / lanes * lanes) * sizeof(float);
-  return channels * line(plan, cpu) * sizeof(float) + (cpu ? turned_bytes : STAGE_BYTES);
+  const size_t transposed_bytes = tile * ((transposed + lanes - 1) / lanes * lanes) * sizeof(float);
+  return channels * line(plan, cpu) * sizeof(float) + (cpu ? transposed_bytes : STAGE_BYTES);
 }
 
 /* The largest tile that fits, at most of the tunable's size. */

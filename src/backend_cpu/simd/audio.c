@@ -69,7 +69,7 @@ static struct rows input_of(struct values *v, const struct layer *layer, int l, 
 
 /* ---- forward ----------------------------------------------------------------------------------------------------- */
 
-/* y [blocks registers] += turned [count][out] times x [count] */
+/* y [blocks registers] += transposed [count][out] times x [count] */
 LANES_INLINE void add_products(float *y, const float *transposed, size_t out, const float *x, size_t count,
                                size_t blocks) {
   vf sum[4];
