@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * What the program loads before it needs it: the libraries of pictures, video and sound come with the first file of
  * media, and not with the help, a model or a refusal. The dynamic loader tells (LD_DEBUG=files). */
+#define CLI_EXECUTED /* the loader of the program is what this tests */
 #include "cli.h"
 
 static struct cli cli;

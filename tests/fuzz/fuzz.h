@@ -1,10 +1,8 @@
 /* SPDX-License-Identifier: MIT
- * Shared code of the fuzz targets. With libFuzzer: only the declaration; without it (ERN_FUZZ_REPLAY): a main that
- * replays all files of the given folders. */
+ * Shared code of the fuzz targets. libFuzzer calls LLVMFuzzerTestOneInput, or replay.c does. */
 #ifndef ERN_TESTS_FUZZ_H
 #define ERN_TESTS_FUZZ_H
 
-#include <dirent.h>
 #include <fcntl.h>
 #include <stdbool.h>
 #include <stdint.h>
@@ -63,31 +61,5 @@ static inline void fuzz_touch(const void *data, size_t count) {
   const volatile uint8_t *bytes = (const volatile uint8_t *)data;
   for (size_t i = 0; i < count; i++) (void)bytes[i];
 }
-
-#ifdef ERN_FUZZ_REPLAY
-static int replay(const char *folder, const char *name) {
-  static uint8_t bytes[1 << 20];
-  char path[2048];
-  snprintf(path, sizeof path, "%s/%s", folder, name);
-  FILE *file = fopen(path, "rb");
-  if (file == NULL) return 0;
-  const size_t count = fread(bytes, 1, sizeof bytes, file);
-  fclose(file);
-  LLVMFuzzerTestOneInput(bytes, count);
-  return 1;
-}
-
-int main(int argc, char **argv) {
-  int files = 0;
-  for (int i = 1; i < argc; i++) {
-    DIR *list = opendir(argv[i]);
-    for (struct dirent *entry = list != NULL ? readdir(list) : NULL; entry != NULL; entry = readdir(list))
-      if (entry->d_name[0] != '.') files += replay(argv[i], entry->d_name);
-    if (list != NULL) closedir(list);
-  }
-  printf("%d files replayed\n", files);
-  return files > 0 ? EXIT_SUCCESS : EXIT_FAILURE; /* a missing corpus is a failure */
-}
-#endif
 
 #endif

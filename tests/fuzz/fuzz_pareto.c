@@ -1,23 +1,9 @@
 /* SPDX-License-Identifier: MIT
  * Any bytes as the tradeoff.json that the command line picks points from. */
 #include <math.h>
-#include <stdarg.h>
 
 #include "fuzz.h"
 #include "session/pareto_read.h"
-
-/* The program's words, formatted and not said. */
-int session_fail_with(struct session *session, const char *format, ...) {
-  static const char path[] = "fuzz.json";
-  char text[4096];
-  va_list values;
-  (void)session;
-  va_start(values, format);
-  vsnprintf(text, sizeof text, format, values);
-  va_end(values);
-  FUZZ_REQUIRE(strncmp(text, path, strlen(path)) == 0);
-  return EXIT_FAILURE;
-}
 
 int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t count) {
   struct session session = {.verb = "fuzz"};

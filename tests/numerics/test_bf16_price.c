@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: MIT
  * What bf16 costs a rendered frame: its PSNR against the truth with layers in float less that with layers in pairs of
  * bf16, and how far apart the two pictures are. Where AVX512_BF16 is missing its emulation renders; the price is the
- * same, bit for bit. `test_bf16_price MODEL CLIP [FRAMES]` says it of another model, over that many validation frames.
+ * same, bit for bit. With the environment's ERNERF_TEST_MODEL and ERNERF_TEST_CLIP: of that model and clip, over
+ * ERNERF_TEST_FRAMES validation frames (6).
  */
 #include <math.h>
 
@@ -133,8 +134,6 @@ static double price_of(const char *model, const char *clip, size_t frames) {
   return price;
 }
 
-static const char *given[3]; /* by the command line: model, clip, frames */
-
 static void price_of_shared(const char *model) {
   char file[1024], clip[1024], name[128];
   if (!ern_isa_available(ERN_ISA_AVX512)) skip();
@@ -154,15 +153,16 @@ static void test_bf16_price_of_head_and_torso(void **state) {
 }
 static void price_of_given(void **state) {
   (void)state;
-  (void)price_of(given[0], given[1], given[2] != NULL ? (size_t)atoi(given[2]) : 6);
+  const char *frames = getenv("ERNERF_TEST_FRAMES");
+  (void)price_of(getenv("ERNERF_TEST_MODEL"), getenv("ERNERF_TEST_CLIP"), frames != NULL ? (size_t)atoi(frames) : 6);
 }
 
-int main(int argc, char **argv) {
+int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_bf16_price_of_a_head),
                                      cmocka_unit_test(test_bf16_price_of_head_and_torso)};
   const struct CMUnitTest one[] = {cmocka_unit_test(price_of_given)};
-  for (int k = 1; k < argc && k < 4; k++) given[k - 1] = argv[k];
-  return argc > 2 ? cmocka_run_group_tests(one, NULL, NULL) : cmocka_run_group_tests(tests, NULL, NULL);
+  const bool given = getenv("ERNERF_TEST_MODEL") != NULL && getenv("ERNERF_TEST_CLIP") != NULL;
+  return given ? cmocka_run_group_tests(one, NULL, NULL) : cmocka_run_group_tests(tests, NULL, NULL);
 }
 
 #else
