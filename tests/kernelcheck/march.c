@@ -149,7 +149,7 @@ static void test_full(void **state) {
 static void test_random_bits(void **state) {
   (void)state;
   static const uint32_t per_mille[] = {300, 1, 20, 900};
-  for (uint64_t k = 0; k < (is_small() ? 1 : is_sampled() ? 2 : 4); k++) {
+  for (uint64_t k = 0; k < (is_small() ? 1 : 4); k++) {
     fill_bits(scene.bits, per_mille[k], k);
     march_all(400);
   }

@@ -325,7 +325,7 @@ static void test_threads(void **state) {
       const bool deterministic = machines.backend[k]->deterministic;
       machines.backend[k]->deterministic = true;
       const struct result one = step(&stage, k);
-      for (int threads = 1; threads <= (is_device(k) ? 1 : is_sampled() ? 2 : 4); threads *= 2) {
+      for (int threads = 1; threads <= (is_device(k) ? 1 : 4); threads *= 2) {
         struct ern_stream *own = machines.stream[k];
         if (threads > 1) stream_replace(k, threads);
         const struct result other = step(&stage, k);
