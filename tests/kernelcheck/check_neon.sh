@@ -22,4 +22,4 @@ unset CC CFLAGS LDFLAGS CMAKE_TOOLCHAIN_FILE # they are meant for the build for 
 "$cmake" -S "$source" -B "$build" -G "$generator" --toolchain "$source/cmake/aarch64-linux-gnu.cmake" \
   -DCMAKE_BUILD_TYPE=Release -DCMAKE_C_FLAGS_RELEASE=-O1 -DERNERF_KERNELCHECK_ONLY=ON -DERNERF_WERROR="$werror" -DERNERF_KERNELCHECK_NOUNS="${NOUNS-}"
 "$cmake" --build "$build" --parallel "$(nproc)"
-ctest --test-dir "$build" --parallel "$(nproc)" --output-on-failure --no-tests=error
+"$(dirname "$cmake")/ctest" --test-dir "$build" --parallel "$(nproc)" --output-on-failure --no-tests=error
