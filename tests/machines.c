@@ -2,6 +2,9 @@
  * The machines that a test computes on, arrays on all of them, and comparisons. */
 #include "machines.h"
 
+#include <signal.h>
+#include <unistd.h>
+
 #include "backend_cpu/cpu_kernels.h"
 
 struct machines machines;
@@ -125,8 +128,25 @@ int close_machines(void **state) {
   return 0;
 }
 
+static char running[128]; /* a sentence on the slot that runs */
+static const int crashes[] = {SIGSEGV, SIGBUS, SIGILL, SIGFPE, SIGABRT};
+static struct sigaction handlers[COUNT_OF(crashes)]; /* cmocka's */
+
+/* Raised once more, for the answer of the system, which SA_RESETHAND has put back. */
+static void name_the_slot(int number) {
+  if (write(STDERR_FILENO, running, strlen(running)) < 0) _exit(128 + number);
+  raise(number);
+}
+
+void machines_begin(int k, const char *slot) {
+  struct sigaction named = {.sa_handler = name_the_slot, .sa_flags = (int)SA_RESETHAND};
+  snprintf(running, sizeof running, "crashed in %s on %s\n", slot, machines.name[k]);
+  for (size_t i = 0; i < COUNT_OF(crashes); i++) sigaction(crashes[i], &named, &handlers[i]);
+}
+
 void machines_done(int k, const char *slot, ern_status status) {
   if (status == ERN_OK) status = machines.backend[k]->synchronize(machines.stream[k]);
+  for (size_t i = 0; i < COUNT_OF(crashes); i++) sigaction(crashes[i], &handlers[i], NULL);
   if (status != ERN_OK) fail_msg("%s: %s: %s", machines.name[k], slot, ern_last_error(machines.context));
 }
 

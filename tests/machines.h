@@ -76,10 +76,13 @@ const struct ern_cpu_kernels *kernels_of(int k);
 float *host_reals(int k, ern_span span);
 void *host_memory(int k, ern_span span); /* of integers and bytes too */
 
-/* Waits for a slot of machine k that returned `status`; fails the test unless it is ERN_OK. */
+/* Around a slot of machine k: a crash in between names both on standard error before it ends the process. The second
+ * waits for the slot, which returned `status`, and fails the test unless it is ERN_OK. */
+void machines_begin(int k, const char *slot);
 void machines_done(int k, const char *slot, ern_status status);
 /* Run the slot on one machine, or on all; args: one for each machine. */
-#define RUN_ON(k, slot, args) machines_done(k, #slot, machines.backend[k]->slot(machines.stream[k], args))
+#define RUN_ON(k, slot, args) \
+  (machines_begin(k, #slot), machines_done(k, #slot, machines.backend[k]->slot(machines.stream[k], args)))
 #define RUN(slot, args) \
   EACH_MACHINE (k_) RUN_ON(k_, slot, &(args)[k_])
 /* Runs the slot on all machines; the last argument is an expression of k for the slot's arguments. */
