@@ -199,7 +199,7 @@ stage "live"
 tiny=$source/data/tiny
 "$root/bin/ernerf" train "$tiny" -o "$work/live.safetensors" --asr_model cepstra --iters 5 --rays 64 --levels 2 --quiet ||
   fail "the installed program does not train"
-live=("$work/live.safetensors" "$tiny/transforms_val.json" 25)
+live=("$work/live.safetensors" "$tiny/transforms_val.json" 10) # frames a second
 "$work/live_minimal" "${live[@]}" "$tiny/aud.wav" "$work/one.y4m" >"$work/live.log" || fail "live_minimal: $(cat "$work/live.log")"
 "$work/project/live_minimal" "${live[@]}" "$tiny/aud.wav" "$work/two.y4m" "$tiny/aud.wav" "$work/three.y4m" >>"$work/live.log"
 cmp "$work/one.y4m" "$work/two.y4m" && cmp "$work/one.y4m" "$work/three.y4m" || fail "two sessions at once draw other frames than one"

@@ -24,8 +24,7 @@ fault() { # what; the places on standard input
 fault 'a tab' < <(grep -nH $'\t' "${texts[@]}" || true)
 fault 'blanks at the end of a line' < <(grep -nHE ' +$' "${texts[@]}" || true)
 fault 'a carriage return' < <(grep -nH $'\r' "${texts[@]}" || true)
-fault 'no newline at the end of the file' < <(
-  for file in "${texts[@]}"; do [ -z "$(tail -c 1 "$file")" ] || echo "$file"; done)
+fault 'no newline at the end of the file' < <(perl -0777 -ne 'print "$ARGV\n" unless /\n\z/' "${texts[@]}")
 fault 'more than 600 lines' < <(wc -l "${code[@]}" | awk '$2 != "total" && $1 > 600 { print $2 ": " $1 }')
 fault 'unfinished by its own words' < <(
   grep -nHE 'TODO|FIXME|XXX' "${texts[@]}" | grep -vE '^(tests/api/test_style\.sh|CONTRIBUTING\.md):' || true)
@@ -37,8 +36,7 @@ fault 'the library prints or ends the process' < <(
 fault 'two files of one name' < <(printf '%s\n' "${code[@]}" | grep -vE '^(include|src/backend_cpu|src/backend_opencl|tests/kernelcheck)/' |
   sed 's|.*/||' | sort | uniq -d)
 fault 'more than 40 files in a folder' < <(printf '%s\n' "${code[@]%/*}" | sort | uniq -c | awk '$1 > 40')
-fault 'no licence line at the top' < <(
-  for file in "${code[@]}"; do head -n 1 "$file" | grep -q 'SPDX-License-Identifier: MIT' || echo "$file"; done)
+fault 'no licence line at the top' < <(awk 'FNR == 1 && !/SPDX-License-Identifier: MIT/ { print FILENAME }' "${code[@]}")
 fault 'a path that a user does not have' < <(grep -nHE '(^|[ "'"'"'=:(])(/work/|/root/|/home/)' "${texts[@]}" |
   grep -v '^tests/api/test_style\.sh:' || true)
 

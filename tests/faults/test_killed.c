@@ -4,7 +4,7 @@
  * model is the same, byte for byte, as that of a training that nothing ended. A comparison that is killed leaves a
  * folder that the next one takes for its own.
  *
- *   ERNERF_TEST_KILLS=1000   kills at random moments (25)
+ *   ERNERF_TEST_KILLS=1000   kills at random moments (8)
  *   ERNERF_TEST_CALLS=1      every call, not each of a few (0)
  *   ERNERF_TEST_SEED=7       of the moments (1) */
 #include <errno.h>
@@ -100,7 +100,7 @@ static void kill_after(size_t calls, double moment) {
 
 static void test_random_moments(void **state) {
   (void)state;
-  const uint32_t kills = journey_number("ERNERF_TEST_KILLS", 25), seed = journey_number("ERNERF_TEST_SEED", 1);
+  const uint32_t kills = journey_number("ERNERF_TEST_KILLS", 8), seed = journey_number("ERNERF_TEST_SEED", 1);
   const struct fault none = {.folder = "killed.", .kinds = (1u << FAULT_KINDS) - 1};
   uint32_t killed = 0, trainings = 0, torn = 0, later = 0;
   int64_t least = -1;
@@ -170,7 +170,7 @@ static void test_each_call(void **state) {
   journey_wait(&j);
   assert_int_equal(j.status, 0);
   const size_t calls = atomic_load(&j.seen->calls);
-  const size_t stride = all != 0 ? 1 : calls / 16 + 1;
+  const size_t stride = all != 0 ? 1 : calls / 6 + 1;
   size_t kills = 0;
   cut.how = FAULT_KILL;
   for (size_t at = 1 + journey_random(seed, 0, (uint32_t)stride); at <= calls; at += stride) {
@@ -199,7 +199,7 @@ static void test_comparison(void **state) {
   journey_start(&j, &fault, line, "");
   journey_wait(&j);
   assert_int_equal(j.status, 0);
-  const size_t calls = atomic_load(&j.seen->calls), stride = all != 0 ? 1 : calls / 24 + 1;
+  const size_t calls = atomic_load(&j.seen->calls), stride = all != 0 ? 1 : calls / 12 + 1;
   size_t kills = 0, between = 0;
   fault.how = FAULT_KILL;
   for (fault.at = 1; fault.at <= calls; fault.at += stride) {

@@ -183,7 +183,7 @@ static void test_exact(void **state) {
   for (size_t s = 0; s < SHAPES; s++) {
     const bool large = shapes[s].width[1] == 256; /* up to 500,000 weights: some sizes are enough */
     for (size_t i = large ? size_count() - 3 : 0; is_run_here(s) && i < size_count() - (large ? 1 : 0); i++)
-      if ((s + i) % (is_sampled() ? 6 : is_emulated() ? 3 : 1) == 0) check_exact(s, test_sizes[i], 15);
+      if ((s + i) % (is_emulated() ? (is_long() ? 3 : 18) : 1) == 0) check_exact(s, test_sizes[i], 15);
   }
   for (unsigned wanted = 0; wanted < 15; wanted += 5) check_exact(ODD, 100, wanted);
   check_exact(ODD, is_emulated() ? 5000 : 30000, 15); /* several tiles a part */
@@ -494,7 +494,7 @@ static void test_bounds(void **state) {
   for (size_t s = 0; s < SHAPES; s++) {
     const size_t most = shapes[s].width[1] == 256 ? 3 : COUNT_OF(sizes); /* 300,000 weights: a few are enough */
     for (size_t i = 0; is_run_here(s) && i < most; i++)
-      if ((s + i) % (is_sampled() ? 5 : is_emulated() ? 2 : 1) == 0) check_bounds(s, sizes[i], 1, 1);
+      if ((s + i) % (is_emulated() ? (is_long() ? 2 : 15) : 1) == 0) check_bounds(s, sizes[i], 1, 1);
   }
   /* everything stays finite, nothing is lost in the order of sums; a device may take denormals as zeros */
   for (size_t i = 0; i < COUNT_OF(scale); i++)
@@ -534,7 +534,7 @@ static void test_real(void **state) {
   (void)state;
   static const float scale[][2] = {{0, 1}, {1e10f, 1e3f}, {1e-10f, 1}, {1, 1e-30f}, {1, 1e36f}, {1e4f, 1e-34f}};
   for (size_t s = 0; s < OF_MODEL; s++)
-    if (is_run_here(s)) check_real(s, is_sampled() ? 200 : 1000, 1, 1);
+    if (is_run_here(s)) check_real(s, is_emulated() && !is_long() ? 100 : 1000, 1, 1);
   for (size_t i = 0; i < COUNT_OF(scale); i++) check_real(DENSITY, 129, scale[i][0], scale[i][1]);
 }
 

@@ -203,7 +203,7 @@ static size_t hits(const struct scene *scene) {
 static void test_models(void **state) {
   (void)state;
   for (int variant = 0; variant < 8; variant++) {
-    if (is_emulated() && variant % 7 != 0) continue; /* the least and the most */
+    if (is_sampled() && variant % 7 != 0) continue; /* the least and the most */
     const int levels = variant & 1 ? 14 : variant & 2 ? 12 : 2;
     struct scene scene =
         scene_make(levels, (variant & 2) != 0, variant & 4 ? 3 : 0, emulated_side(45), emulated_side(37), 8);
@@ -363,7 +363,7 @@ static double change(const struct scene *scene, const float *now, const float *b
 static void test_every_input_counts(void **state) {
   (void)state;
   for (int levels = 11; levels <= 14; levels++) {
-    if (is_emulated() && levels % 3 != 2) continue;
+    if (is_sampled() && levels % 3 != 2) continue;
     struct scene scene = scene_make(levels, true, 2, 30, 26, 3);
     const float *weak = render(&scene, 0, 1, true);
     const double seen = 3 * allowed_of(&scene, true);

@@ -7,7 +7,7 @@ ernerf=$1 source=$2 folder=$3
 ln -s "$source/data/tiny" clip
 
 # a head with all that a step can have: frames, poses, the fine stage, refreshes, an average
-head="--iters 10 --rays 1024 --levels 4 --refine-poses --frames-per-step 2 --fine-steps 2 --patch-size 16 --step-parts 4 --ema --ema-every 1 --validate-frames 1 --refresh-every 4"
+head="--iters 6 --rays 1024 --levels 4 --refine-poses --frames-per-step 2 --fine-steps 2 --patch-size 16 --step-parts 4 --ema --ema-every 1 --validate-frames 1 --refresh-every 2"
 for count in 0 2 4; do on $count -o head$count.safetensors $head; done
 grep -q "rank 3 of 4: rays 768 to 1023 of the 1024 of a step" log.txt || fail "rank 3 does not say its share: $(cat log.txt)"
 same head0.safetensors head2.safetensors
@@ -49,7 +49,7 @@ grep -q "the torso for .*timed.head.safetensors" log.txt || fail "no torso after
 [ -e timed.safetensors ] || fail "there is no portrait"
 
 # a process that is killed: words, and what was saved is whole and goes on as if nothing had happened
-long="--iters 40 --rays 256 --levels 4 --save-every 2 --validate-every 0 --validate-frames 1 --quiet"
+long="--iters 24 --rays 128 --levels 4 --save-every 2 --validate-every 0 --validate-frames 1 --quiet"
 on 0 -o whole.safetensors $long --step-parts 4
 for victim in 1; do # of either rank: kills_long.sh
   name=$folder/killed$victim

@@ -9,7 +9,7 @@ targets=(npy transforms csv landmarks safetensors torch_zip pareto onnx)
 tests=(test_npy test_transforms test_csv test_landmarks test_safetensors test_torch_zip test_pickle test_onnx)
 
 flags="-std=c17 -O1 -g -fsanitize=address,undefined -fno-sanitize-recover=undefined -D_POSIX_C_SOURCE=200809L
-  -DERN_FUZZ_REPLAY -I$source/include -I$source/src -I$source/tests -I$source/tests/fuzz -I$source/tools/ernerf-cli"
+  -I. -I$source/include -I$source/src -I$source/tests -I$source/tests/fuzz -I$source/tools/ernerf-cli"
 libraries="-ljansson -lzip -lcmocka -lpthread -lm"
 rm -rf "$work" && mkdir -p "$work/objects" "$work/run" && cd "$work"
 echo 'int main(void) { return 0; }' >probe.c
@@ -21,10 +21,17 @@ fi
 list=("$source"/src/core/*.c "$source"/src/io/*.c "$source"/tools/ernerf-cli/{session/pareto_read,session/settings,bytes}.c)
 for name in "${targets[@]}"; do list+=("$source/tests/fuzz/fuzz_$name.c"); done
 for name in "${tests[@]}"; do list+=("$source/tests/files/$name.c"); done
-printf '%s\n' "${list[@]}" | CC="$cc" FLAGS="$flags" xargs -P 2 -I{} sh -c '$CC $FLAGS -c "{}" -o "objects/$(basename "{}" .c).o"'
+list+=("$source/tests/fuzz/silent_session.c" "$source/tests/fuzz/replay.c" "$source/tests/programs.c")
+printf 'TARGET(%s)\n' "${targets[@]}" >target_list.h
+printf 'PROGRAM(%s)\n' "${tests[@]}" >program_list.h
+printf '%s\n' "${list[@]}" | CC="$cc" FLAGS="$flags" xargs -P 2 -I{} sh -c 'name=$(basename "{}" .c)
+  case $name in fuzz_*) more=-DLLVMFuzzerTestOneInput=$name ;; test_*) more=-Dmain=${name}_main ;; *) more= ;; esac
+  $CC $FLAGS $more -c "{}" -o "objects/$name.o"'
 ar rcs base.a $(for file in "${list[@]}"; do
   case $file in */tests/*) ;; *) echo "objects/$(basename "$file" .c).o" ;; esac
 done)
+$cc $flags objects/{fuzz_*,silent_session,replay}.o base.a $libraries -o replay
+$cc $flags objects/{test_*,programs}.o base.a $libraries -o programs
 
 failed=0
 run() { # a program and its words
@@ -34,12 +41,10 @@ run() { # a program and its words
   failed=1
 }
 for name in "${targets[@]}"; do
-  $cc $flags "objects/fuzz_$name.o" base.a $libraries -o "fuzz_$name"
-  run "$work/fuzz_$name" "$source/tests/fuzz/corpus/$name"
+  run "$work/replay" "$name" "$source/tests/fuzz/corpus/$name"
 done
 for name in "${tests[@]}"; do
-  $cc $flags "objects/$name.o" base.a $libraries -o "$name"
-  run "$work/$name"
+  run "$work/programs" "$name"
 done
 [ $failed -eq 0 ] && echo "${#targets[@]} fuzz targets and ${#tests[@]} unit tests: clean"
 exit $failed
