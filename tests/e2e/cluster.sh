@@ -11,19 +11,20 @@ mkdir -p "$folder/people"
 cd "$folder"
 export ERNERF=$ernerf
 fail() { echo "FAIL: $*"; exit 1; }
-clip=$source/data/tiny
-"$ernerf" train "$clip" -o head.safetensors --iters 3 --rays 64 --levels 2 --threads 1 --quiet
+clip=$folder/clip
+"$ernerf" synth clip --size 64 --frames 16 --seed 3 --quiet
+"$ernerf" train "$clip" -o head.safetensors --iters 3 --rays 64 --levels 2 --validate-frames 1 --threads 1 --quiet
 
 # a segment that fails the first time is made the second time; those that are there stay
-frames=66 each=25
+frames=16 each=6
 mkdir parts
 parallel -j 2 bash "$scripts/segment.sh" head.safetensors "$clip" parts $frames $each {} --quiet --threads 1 ::: 0 1 2 2> err.txt || fail "$(cat err.txt)"
-before=$(stat -c %Y.%i parts/0000025.mp4)
-rm parts/0000050.mp4 parts/0000050.mp4.provenance.json
+before=$(stat -c %Y.%i parts/0000006.mp4)
+rm parts/0000012.mp4 parts/0000012.mp4.provenance.json
 parallel -j 2 bash "$scripts/segment.sh" head.safetensors "$clip" parts $frames $each {} --quiet --threads 1 ::: 0 1 2 > out.txt 2> err.txt || fail "$(cat err.txt)"
-[ "$(stat -c %Y.%i parts/0000025.mp4)" = "$before" ] || fail "a segment that was there was made again"
+[ "$(stat -c %Y.%i parts/0000006.mp4)" = "$before" ] || fail "a segment that was there was made again"
 bash "$scripts/segment.sh" head.safetensors "$clip" parts $frames $each 3 2> err.txt && fail "a segment past the end was taken"
-grep -q "begins with frame 75, there are 66" err.txt || fail "$(cat err.txt)"
+grep -q "begins with frame 18, there are 16" err.txt || fail "$(cat err.txt)"
 "$ernerf" join parts -o whole.mp4 --json join.json --quiet
 [ "$(jq .videos join.json)" = 3 ] || fail "$(cat join.json)"
 

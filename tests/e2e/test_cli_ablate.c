@@ -6,10 +6,14 @@
 
 static struct cli cli;
 
-static const char *clip(void) {
-  static char path[2048];
-  snprintf(path, sizeof path, "%s/data/tiny", getenv("ERNERF_SOURCE"));
-  return path;
+static const char clip[] = "clip"; /* smaller than data/tiny, whose collisions test_tables looks at */
+
+static int make_clip(void **state) {
+  (void)state;
+  support_clear("clip");
+  cli_run(&cli, "synth clip --size 64 --frames 24 --seed 5 --quiet");
+  cli_expect(&cli, 0, NULL);
+  return 0;
 }
 
 static double number(const json_t *object, const char *key) {
@@ -51,9 +55,9 @@ static void check_collisions(const json_t *table) {
 static void test_tables(void **state) {
   (void)state;
   cli_run(&cli,
-          "ablate %s -o tables --iters 12 --rays 256 --frames 0:2 --repeats 3 --threads 2 --only "
+          "ablate %s/data/tiny -o tables --iters 4 --rays 64 --frames 0:2 --repeats 3 --threads 2 --only "
           "trihash-channel,trihash-concat,hash3d-channel --json --quiet",
-          clip());
+          getenv("ERNERF_SOURCE"));
   cli_expect(&cli, 0, NULL);
   json_t *object = cli_json(&cli, NULL);
   const json_t *rows = json_object_get(object, "rows");
@@ -81,9 +85,9 @@ static void test_tables(void **state) {
 
 static void ablate_again(const char *folder, const char *more, double *psnr, double *seconds, double *lr_net) {
   cli_run(&cli,
-          "ablate %s -o %s --iters 6 --rays 128 --seeds 2 --frames 0:1 --repeats 3 --only trihash-channel %s --json "
+          "ablate %s -o %s --iters 2 --rays 32 --seeds 2 --frames 0:1 --repeats 3 --only trihash-channel %s --json "
           "--quiet",
-          clip(), folder, more);
+          clip, folder, more);
   cli_expect(&cli, 0, NULL);
   json_t *object = cli_json(&cli, NULL);
   const json_t *row = json_array_get(json_object_get(object, "rows"), 0);
@@ -112,9 +116,9 @@ static void test_resume(void **state) {
 static void test_resume_keeps_tables(void **state) {
   (void)state;
   static const char words[] = "ablate %s -o %s --iters 2 --rays 32 --frames 0:1 --repeats 3 --only %s --quiet %s";
-  cli_run(&cli, words, clip(), "rows", "trihash-channel", "");
+  cli_run(&cli, words, clip, "rows", "trihash-channel", "");
   cli_expect(&cli, 0, NULL);
-  cli_run(&cli, words, clip(), "rows", "hash3d-channel", "--resume");
+  cli_run(&cli, words, clip, "rows", "hash3d-channel", "--resume");
   cli_expect(&cli, 1, "rows/ablation.json", "holds the row trihash-channel", "--overwrite", NULL);
   static const struct {
     const char *more, *words;
@@ -124,47 +128,47 @@ static void test_resume_keeps_tables(void **state) {
                 {"--resume --lr_net 0.01", "is of 0.001 lr_net, and not of 0.01"},
                 {"--resume --seed 5", "and seed 0, expected 32, 0.001 and 5"}};
   for (size_t i = 0; i < sizeof others / sizeof *others; i++) {
-    cli_run(&cli, "ablate %s -o rows --iters 2 --repeats 3 --only trihash-channel --quiet %s%s%s", clip(),
+    cli_run(&cli, "ablate %s -o rows --iters 2 --repeats 3 --only trihash-channel --quiet %s%s%s", clip,
             strstr(others[i].more, "rays") == NULL ? "--rays 32 " : "",
             strstr(others[i].more, "frames") == NULL ? "--frames 0:1 " : "", others[i].more);
     cli_expect(&cli, 1, others[i].words, NULL);
   }
-  cli_run(&cli, words, clip(), "rows", "hash3d-channel,trihash-channel", "--resume");
+  cli_run(&cli, words, clip, "rows", "hash3d-channel,trihash-channel", "--resume");
   cli_expect(&cli, 0, NULL);
   assert_int_equal(mkdir("notes", 0777), 0);
   support_write_text("notes/ablation.md", "mine");
-  cli_run(&cli, words, clip(), "notes", "trihash-channel", "--resume");
+  cli_run(&cli, words, clip, "notes", "trihash-channel", "--resume");
   cli_expect(&cli, 1, "notes: ", "no tables of an earlier ablation", "--overwrite", NULL);
-  cli_run(&cli, words, clip(), "notes", "trihash-channel", "--resume --overwrite");
+  cli_run(&cli, words, clip, "notes", "trihash-channel", "--resume --overwrite");
   cli_expect(&cli, 0, NULL);
   /* a table that leads elsewhere, and a report into a row's state */
   assert_int_equal(system("rm rows/ablation.md && printf mine > mine.md && ln -s ../mine.md rows/ablation.md"), 0);
-  cli_run(&cli, words, clip(), "rows", "hash3d-channel,trihash-channel", "--resume");
+  cli_run(&cli, words, clip, "rows", "hash3d-channel,trihash-channel", "--resume");
   cli_expect(&cli, 1, "rows/ablation.md", "no regular file", NULL);
   assert_int_equal(system("printf mine | cmp - mine.md"), 0);
   assert_int_equal(symlink("rows/trihash-channel.run/state.safetensors", "link.json"), 0);
-  cli_run(&cli, words, clip(), "rows", "trihash-channel", "--json link.json -y");
+  cli_run(&cli, words, clip, "rows", "trihash-channel", "--json link.json -y");
   cli_expect(&cli, 1, "link.json", "is in rows", NULL);
 }
 
 static void test_refusals(void **state) {
   (void)state;
-  cli_run(&cli, "ablate %s", clip());
+  cli_run(&cli, "ablate %s", clip);
   cli_expect(&cli, 2, "-o DIR is missing", NULL);
-  cli_run(&cli, "ablate %s -o x --only trihash-channel,cubes", clip());
+  cli_run(&cli, "ablate %s -o x --only trihash-channel,cubes", clip);
   cli_expect(&cli, 2, "there is no row \"cubes\"", NULL);
-  cli_run(&cli, "ablate %s -o x --seeds 0", clip());
+  cli_run(&cli, "ablate %s -o x --seeds 0", clip);
   cli_expect(&cli, 2, "--seeds", NULL);
-  cli_run(&cli, "ablate %s -o x --frames 40:50", clip());
+  cli_run(&cli, "ablate %s -o x --frames 40:50", clip);
   cli_expect(&cli, 2, "--frames", NULL);
   cli_run(&cli, "ablate nothing -o x");
   cli_expect(&cli, 1, "nothing", NULL);
   FILE *file = fopen("a_file", "w");
   assert_non_null(file);
   fclose(file);
-  cli_run(&cli, "ablate %s -o a_file --iters 1 --rays 1", clip());
+  cli_run(&cli, "ablate %s -o a_file --iters 1 --rays 1", clip);
   cli_expect(&cli, 1, "a_file: is no folder", NULL);
-  cli_run(&cli, "ablate %s -o missing/deeper --iters 1 --rays 1", clip());
+  cli_run(&cli, "ablate %s -o missing/deeper --iters 1 --rays 1", clip);
   cli_expect(&cli, 1, "missing/deeper: cannot be made", NULL);
   assert_int_not_equal(access("x", F_OK), 0);
 }
@@ -172,5 +176,5 @@ static void test_refusals(void **state) {
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_tables), cmocka_unit_test(test_resume),
                                      cmocka_unit_test(test_resume_keeps_tables), cmocka_unit_test(test_refusals)};
-  return cmocka_run_group_tests(tests, NULL, NULL);
+  return cmocka_run_group_tests(tests, make_clip, NULL);
 }

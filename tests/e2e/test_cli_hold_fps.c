@@ -226,7 +226,7 @@ static void expect_kinds(const json_t *trainings, double rays, bool landmarks) {
 static void test_training(void **state) {
   (void)state;
   static char text[CLI_TEXT_BYTES];
-  cli_run(&cli, "tradeoff --training '%s' -o study --seconds 1 --seeds 1 --rays 64 --levels 5 --json --quiet", clip);
+  cli_run(&cli, "tradeoff --training '%s' -o study --seconds 0.1 --seeds 1 --rays 64 --levels 5 --json --quiet", clip);
   cli_expect(&cli, 0, NULL);
   json_t *object = cli_json(&cli, NULL);
   const json_t *trainings = json_object_get(object, "trainings");
@@ -288,7 +288,7 @@ static void test_fine_stage_without_landmarks(void **state) {
   if (ERN_PERCEPTUAL) made_lpips("a.safetensors", "h.safetensors", 0);
   cli_copy(clip, "bare");
   support_clear("bare/ori_imgs");
-  cli_run(&cli, "tradeoff --training bare -o fine --seconds 1 --seeds 1 --rays 1024 --levels 5 --json --quiet %s",
+  cli_run(&cli, "tradeoff --training bare -o fine --seconds 0.1 --seeds 1 --rays 1024 --levels 5 --json --quiet %s",
           ERN_PERCEPTUAL ? "--lpips-network a.safetensors --lpips-heads h.safetensors" : "");
   cli_expect(&cli, 0, NULL);
   json_t *object = cli_json(&cli, NULL);

@@ -361,7 +361,7 @@ static void test_odd_names(void **state) {
 static void test_two_renders(void **state) {
   (void)state;
   static struct cli slow;
-  snprintf(slow.line, sizeof slow.line, "render m.safetensors --clip clip --size 512x512 --quiet -o two10.mp4");
+  snprintf(slow.line, sizeof slow.line, "render m.safetensors --clip clip --size 192x192 --quiet -o two10.mp4");
   cli_start(&slow, "slow.txt", 0);
   /* The file is locked just after it was made, and before its first byte. */
   struct stat about = {.st_size = 0};

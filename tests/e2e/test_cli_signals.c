@@ -84,7 +84,7 @@ static void test_last_validation(void **state) {
  * what is left. */
 static void test_second_of_a_video(void **state) {
   (void)state;
-  start_and_stop("\"render: 8 frames", SIGTERM, "render m.safetensors --clip clip --size 512x512 -o cut.mp4");
+  start_and_stop("\"render: 8 frames", SIGTERM, "render m.safetensors --clip clip --size 256x256 -o cut.mp4");
   rest(20);
   assert_int_equal(kill(cli.pid, SIGINT), 0);
   cli_wait(&cli);

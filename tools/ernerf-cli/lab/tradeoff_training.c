@@ -59,7 +59,7 @@ static void own_options(struct training_job *job, struct option options[OWN_OPTI
       {.name = "seconds",
        .kind = OPTION_FLOAT,
        .target = &job->seconds,
-       .low = 1,
+       .low = 0.1,
        .high = 1e6,
        .help = "seconds of training for each curve and seed"},
       {.name = "rays",
