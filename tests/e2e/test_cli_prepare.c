@@ -12,17 +12,17 @@
 #include "io/csv.h"
 #include "io/landmarks.h"
 
-enum { FRAMES = 40, PART = 30 };
+enum { FRAMES = 30, PART = 26 };
 static struct cli cli;
 
 static int make(void **state) {
   (void)state;
   static const char *const old[] = {"truth", "clip", "again", "part", "mine", "m.safetensors", "m.run", "v.mp4"};
   for (size_t i = 0; i < sizeof old / sizeof *old; i++) support_clear(old[i]);
-  cli_run(&cli, "synth truth --size 192 --frames %d --seed 5 --turn 12 --video v.mp4 --quiet", FRAMES);
+  cli_run(&cli, "synth truth --size 160 --frames %d --seed 5 --turn 12 --video v.mp4 --quiet", FRAMES);
   cli_expect(&cli, 0, NULL);
-  cli_run(&cli, "prepare v.mp4 -o clip --size 192 --json clip.json");
-  cli_expect(&cli, 0, "clip: 40 frames of 192 x 192", "face: doubtful: the part is 1.6 s long", NULL);
+  cli_run(&cli, "prepare v.mp4 -o clip --size 160 --json clip.json");
+  cli_expect(&cli, 0, "clip: 30 frames of 160 x 160", "face: doubtful: the part is 1.2 s long", NULL);
   return 0;
 }
 
@@ -31,10 +31,10 @@ static void write_shorter_sound(const char *path) {
   ern_context *context = support_context();
   ern_video_reader *reader = NULL;
   ern_video_writer *writer = NULL;
-  ern_video_options options = ern_video_options_default(192, 192);
+  ern_video_options options = ern_video_options_default(160, 160);
   ern_sound sound = {0};
   ern_image image = {0};
-  static uint8_t rgba[4 * 192 * 192];
+  static uint8_t rgba[4 * 160 * 160];
   double seconds = 0;
   bool end = false;
   support_ok(context, ern_sound_read(context, "v.mp4", &sound));
@@ -60,7 +60,7 @@ static void test_sound_ends_early(void **state) {
   support_clear("early.mp4");
   support_clear("early");
   write_shorter_sound("early.mp4");
-  cli_run(&cli, "prepare early.mp4 -o early --size 192 --only face");
+  cli_run(&cli, "prepare early.mp4 -o early --size 160 --only face");
   cli_expect(&cli, 0, "face: doubtful", "the sound ends at 0.5", "--to 0.5", NULL);
 }
 
@@ -87,8 +87,8 @@ static void test_whole(void **state) {
   assert_true(cli_there("clip/report.html") && cli_there("clip/overlay.mp4") && cli_there("clip/bc.jpg"));
   expect_none_begun(".");
   cli_run(&cli, "check clip");
-  cli_expect_out(&cli, 0, "40", NULL);
-  cli_run(&cli, "train clip -o m.safetensors --iters 30 --rays 512 --levels 4 --validate-frames 2 --quiet");
+  cli_expect_out(&cli, 0, "30", NULL);
+  cli_run(&cli, "train clip -o m.safetensors --iters 10 --rays 256 --levels 4 --validate-frames 2 --quiet");
   cli_expect(&cli, 0, NULL);
   assert_true(cli_there("m.safetensors"));
 }
@@ -164,26 +164,26 @@ static void test_supplied_unread(void **state) {
       "masks none",      "masks holed",       "background none.png", "detector none.onnx", "landmarks none.csv",
       "masks none.onnx", "poses small.json",  "au short.csv",        "au long.csv",        "features long.npy"};
   assert_int_equal(system("rm -rf holed && cp -r clip/parsing holed && rm holed/19.png"), 0); /* of no example */
-  assert_int_equal(system("sed 's/: 192,/: 128,/; s/: 96.0,/: 64.0,/' truth/transforms_train.json >small.json"), 0);
+  assert_int_equal(system("sed 's/: 160,/: 128,/; s/: 80.0,/: 64.0,/' truth/transforms_train.json >small.json"), 0);
   support_write_text("short.csv", "AU45_r\n1\n");
-  assert_int_equal(system("(echo AU45_r; yes 0 | head -n 43) >long.csv"), 0);
-  cli_run(&cli, "synth longer --size 128 --frames 60 --quiet"); /* of the whole of a longer video */
+  assert_int_equal(system("(echo AU45_r; yes 0 | head -n 33) >long.csv"), 0);
+  cli_run(&cli, "synth longer --size 64 --frames 34 --quiet"); /* of the whole of a longer video */
   cli_expect(&cli, 0, NULL);
   assert_int_equal(system("mv longer/aud_ds.npy long.npy && rm -r longer"), 0);
   list_clip("before.txt");
   for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
-    cli_run(&cli, "prepare v.mp4 -o clip --size 192 --quiet --%s", bad[i]);
+    cli_run(&cli, "prepare v.mp4 -o clip --size 160 --quiet --%s", bad[i]);
     cli_expect(&cli, 1, strchr(bad[i], ' ') + 1, NULL);
     list_clip("after.txt");
     cli_same_bytes("before.txt", "after.txt");
   }
-  cli_run(&cli, "prepare v.mp4 -o clip --size 192 --quiet --only pose --poses small.json");
+  cli_run(&cli, "prepare v.mp4 -o clip --size 160 --quiet --only pose --poses small.json");
   cli_expect(&cli, 1, "small.json: is for pictures of 128 x 128", NULL);
   list_clip("after.txt");
   cli_same_bytes("before.txt", "after.txt");
   cli_run(&cli, "check clip");
   cli_expect_out(&cli, 0, NULL);
-  cli_run(&cli, "prepare v.mp4 -o new --size 192 --au none.csv"); /* nor is a long work begun */
+  cli_run(&cli, "prepare v.mp4 -o new --size 160 --au none.csv"); /* nor is a long work begun */
   cli_expect(&cli, 1, "none.csv", NULL);
   assert_false(cli_there("new"));
 }
@@ -196,93 +196,92 @@ static void test_second_call(void **state) {
   long long before[COUNT];
   for (int i = 0; i < COUNT; i++) before[i] = changed(files[i]);
   const long long eyes = changed("clip/au.csv");
-  cli_run(&cli, "prepare v.mp4 -o clip --size 192");
-  cli_expect(&cli, 0, "clip: 40 frames", "pose: good", NULL);
+  cli_run(&cli, "prepare v.mp4 -o clip --size 160");
+  cli_expect(&cli, 0, "clip: 30 frames", "pose: good", NULL);
   assert_true(changed("clip/au.csv") == eyes);
   assert_int_equal(system("cp clip/au.csv au_first.csv"), 0);
-  cli_run(&cli, "prepare v.mp4 -o clip --size 192 --only eyes");
+  cli_run(&cli, "prepare v.mp4 -o clip --size 160 --only eyes");
   cli_expect(&cli, 0, NULL);
   assert_true(changed("clip/au.csv") > eyes);
   cli_same_bytes("clip/au.csv", "au_first.csv");
   for (int i = 0; i < COUNT; i++)
     if (changed(files[i]) != before[i]) fail_msg("%s was made again", files[i]);
   /* the user's own eyes, and their own sound's features, which go where they are no longer asked for */
-  cli_run(&cli, "prepare v.mp4 -o clip --size 192 --au truth/au.csv --features truth/aud_ds.npy --quiet");
+  cli_run(&cli, "prepare v.mp4 -o clip --size 160 --au truth/au.csv --features truth/aud_ds.npy --quiet");
   cli_expect(&cli, 0, NULL);
   assert_true(cli_there("clip/aud.npy"));
   assert_int_equal(system("cmp -s clip/au.csv au_first.csv"), 256);
   assert_int_equal(system("cp truth/au.csv $(printf 'au\\377.csv')"), 0); /* no UTF-8 */
   for (int i = 0; i < 2; i++) {
     const long long before_this = changed("clip/au.csv");
-    cli_run(&cli, "prepare v.mp4 -o clip --size 192 --quiet --au au\377.csv --features truth/aud_ds.npy");
+    cli_run(&cli, "prepare v.mp4 -o clip --size 160 --quiet --au au\377.csv --features truth/aud_ds.npy");
     cli_expect(&cli, 0, NULL);
     assert_true((changed("clip/au.csv") > before_this) == (i == 0));
   }
-  cli_run(&cli, "prepare v.mp4 -o clip --size 192 --quiet");
+  cli_run(&cli, "prepare v.mp4 -o clip --size 160 --quiet");
   cli_expect(&cli, 0, NULL);
   assert_false(cli_there("clip/aud.npy"));
   cli_same_bytes("clip/au.csv", "au_first.csv");
   /* features that the user put there are replaced with -y alone */
   support_write_text("clip/aud.npy", "mine");
   for (int i = 0; i < 3; i++) {
-    cli_run(&cli, "prepare v.mp4 -o clip --size 192 --quiet%s", i == 1 ? "" : " --features truth/aud_ds.npy");
+    cli_run(&cli, "prepare v.mp4 -o clip --size 160 --quiet%s", i == 1 ? "" : " --features truth/aud_ds.npy");
     cli_expect(&cli, i == 1 ? 0 : 1, i == 1 ? NULL : "clip/aud.npy: ernerf prepare did not make it", "--overwrite",
                NULL);
     assert_int_equal(system("printf mine | cmp - clip/aud.npy"), 0);
   }
-  cli_run(&cli, "prepare v.mp4 -o clip --size 192 --quiet --features truth/aud_ds.npy -y");
+  cli_run(&cli, "prepare v.mp4 -o clip --size 160 --quiet --features truth/aud_ds.npy -y");
   cli_expect(&cli, 0, NULL);
   assert_true(cli_there("clip/prepare.json") && system("printf mine | cmp -s - clip/aud.npy") != 0);
-  cli_run(&cli, "prepare v.mp4 -o clip --size 192 --quiet");
+  cli_run(&cli, "prepare v.mp4 -o clip --size 160 --quiet");
   cli_expect(&cli, 0, NULL);
   assert_false(cli_there("clip/aud.npy"));
-  /* another content under the same name is another input; a file that is gone is made again */
+  /* another content under the same name is another input */
   static const char *const lids[] = {"0.5", "1.25"};
   for (int i = 0; i < 2; i++) {
     char line[128];
-    snprintf(line, sizeof line, "(echo AU45_r; for i in $(seq 40); do echo %s; done) >own.csv", lids[i]);
+    snprintf(line, sizeof line, "(echo AU45_r; for i in $(seq 30); do echo %s; done) >own.csv", lids[i]);
     assert_int_equal(system(line), 0);
-    cli_run(&cli, "prepare v.mp4 -o clip --size 192 --quiet --au own.csv");
+    cli_run(&cli, "prepare v.mp4 -o clip --size 160 --quiet --au own.csv");
     cli_expect(&cli, 0, NULL);
     snprintf(line, sizeof line, "grep -q ', %s0*$' clip/au.csv", lids[i]);
     assert_int_equal(system(line), 0);
   }
+  /* a file of a brought folder, written anew in place */
+  assert_int_equal(system("rm -rf masks && cp -r clip/parsing masks"), 0);
+  for (int i = 0; i < 3; i++) {
+    const long long before_this = changed("clip/bc.jpg");
+    cli_run(&cli, "prepare v.mp4 -o clip --size 160 --quiet --masks masks");
+    cli_expect(&cli, 0, NULL);
+    assert_true((changed("clip/bc.jpg") > before_this) == (i != 1));
+    if (i == 1) assert_int_equal(system("cat masks/19.png >masks/20.png"), 0);
+  }
+  /* a file that is gone is made again; with masks that are brought the layers take least */
   static const char *const gone[] = {"clip/torso_imgs/20.png", "clip/au.csv"};
   const long long layers = changed("clip/gt_imgs/0.jpg");
   for (int i = 0; i < 2; i++) {
     assert_int_equal(unlink(gone[i]), 0);
-    cli_run(&cli, "prepare v.mp4 -o clip --size 192 --quiet");
+    cli_run(&cli, "prepare v.mp4 -o clip --size 160 --quiet --masks masks");
     cli_expect(&cli, 0, NULL);
     assert_true(cli_there(gone[i]));
   }
   assert_true(changed("clip/gt_imgs/0.jpg") > layers);
   cli_same_bytes("clip/au.csv", "au_first.csv");
-  /* a file of a brought folder, written anew in place */
-  assert_int_equal(system("rm -rf masks && cp -r clip/parsing masks"), 0);
-  for (int i = 0; i < 3; i++) {
-    const long long before_this = changed("clip/bc.jpg");
-    cli_run(&cli, "prepare v.mp4 -o clip --size 192 --quiet --masks masks");
-    cli_expect(&cli, 0, NULL);
-    assert_true((changed("clip/bc.jpg") > before_this) == (i != 1));
-    if (i == 1) assert_int_equal(system("cat masks/19.png >masks/20.png"), 0);
-  }
-  cli_run(&cli, "prepare v.mp4 -o clip --size 192 --quiet");
-  cli_expect(&cli, 0, NULL);
-  cli_run(&cli, "prepare v.mp4 -o clip --size 192 --only pose --focal 600");
+  cli_run(&cli, "prepare v.mp4 -o clip --size 160 --only pose --focal 500");
   cli_expect(&cli, 0, "next: ernerf prepare VIDEO -o clip", "depend on changed ones: landmarks, layers, eyes\n", NULL);
   expect_no_training("\"landmarks\"");
-  cli_run(&cli, "prepare v.mp4 -o clip --size 192 --quiet");
+  cli_run(&cli, "prepare v.mp4 -o clip --size 160 --quiet");
   cli_expect(&cli, 0, NULL);
   cli_run(&cli, "check clip");
   cli_expect_out(&cli, 0, NULL);
-  cli_run(&cli, "prepare v.mp4 -o new --size 192 --only eyes");
+  cli_run(&cli, "prepare v.mp4 -o new --size 160 --only eyes");
   cli_expect(&cli, 1, "new", "\"face\"", "--only", NULL);
   assert_false(cli_there("new"));
 }
 
 /* Starts, waits for a file or for words on stderr ("\"..."), and sends SIGINT. */
 static void start_and_stop(const char *sign) {
-  snprintf(cli.line, sizeof cli.line, "prepare v.mp4 -o again --size 192");
+  snprintf(cli.line, sizeof cli.line, "prepare v.mp4 -o again --size 160");
   support_clear("cli_err.txt");
   cli_start(&cli, NULL, 0);
   for (int i = 0; i < 6000; i++) {
@@ -300,14 +299,14 @@ static void test_stopped(void **state) {
   (void)state;
   static const char *const same[] = {
       "transforms_train.json", "transforms_val.json", "au.csv",          "aud.wav",       "bc.jpg",
-      "gt_imgs/7.jpg",         "torso_imgs/7.png",    "ori_imgs/39.jpg", "ori_imgs/7.lms"};
+      "gt_imgs/7.jpg",         "torso_imgs/7.png",    "ori_imgs/29.jpg", "ori_imgs/7.lms"};
   start_and_stop("again/ori_imgs/10.jpg");
   assert_true(cli_there("again/prepare.json") && !cli_there("again/transforms_train.json"));
   start_and_stop("again/prepare/faces.csv");
-  cli_run(&cli, "prepare v.mp4 -o again --size 192 --only face");
-  cli_expect(&cli, 0, "again: 40 frames of 192 x 192; next: ernerf prepare", "steps that are left", NULL);
+  cli_run(&cli, "prepare v.mp4 -o again --size 160 --only face");
+  cli_expect(&cli, 0, "again: 30 frames of 160 x 160; next: ernerf prepare", "steps that are left", NULL);
   start_and_stop("again/ori_imgs/9.lms");
-  cli_run(&cli, "prepare v.mp4 -o again --size 192 --quiet");
+  cli_run(&cli, "prepare v.mp4 -o again --size 160 --quiet");
   cli_expect(&cli, 0, NULL);
   for (size_t i = 0; i < sizeof same / sizeof *same; i++) {
     char one[256], other[256];
@@ -325,7 +324,7 @@ static void test_moved(void **state) {
   support_clear("moved");
   support_clear("part");
   assert_int_equal(system("rm -rf mine && cp -r clip mine"), 0);
-  snprintf(cli.line, sizeof cli.line, "prepare v.mp4 -o part --size 192");
+  snprintf(cli.line, sizeof cli.line, "prepare v.mp4 -o part --size 160");
   support_clear("cli_err.txt");
   cli_start(&cli, NULL, 0);
   for (int i = 0; i < 6000; i++) {
@@ -347,11 +346,15 @@ static void test_moved(void **state) {
 /* Another part of the video takes the clip's place only when asked to, and then nothing of the first one stays. */
 static void test_replaced(void **state) {
   (void)state;
-  cli_run(&cli, "prepare v.mp4 -o again --size 192 --from 0.6");
+  cli_run(&cli, "prepare v.mp4 -o again --size 160 --from 0.16");
   cli_expect(&cli, 1, "again", "another video", "--overwrite", NULL);
-  assert_true(cli_there("again/gt_imgs/39.jpg"));
+  assert_true(cli_there("again/gt_imgs/29.jpg"));
   support_write_text("again/notes.txt", "mine");
-  cli_run(&cli, "prepare v.mp4 -o again --size 192 --to 1.2 -y --quiet");
+  /* with the first part's masks, which saves their search */
+  assert_int_equal(system("rm -rf part_masks && mkdir part_masks && for i in $(seq 0 25); do"
+                          " cp clip/parsing/$i.png part_masks; done"),
+                   0);
+  cli_run(&cli, "prepare v.mp4 -o again --size 160 --to 1.04 -y --quiet --masks part_masks");
   cli_expect(&cli, 0, NULL);
   assert_int_equal(cli_count("again/ori_imgs"), 2 * PART);
   assert_int_equal(cli_count("again/gt_imgs"), PART);
@@ -362,7 +365,7 @@ static void test_replaced(void **state) {
   cli_run(&cli, "check again");
   cli_expect_out(&cli, 0, NULL);
   /* and the clip stays where the new video is refused */
-  cli_run(&cli, "prepare v.mp4 -o again --size 192 --from 1.2 -y");
+  cli_run(&cli, "prepare v.mp4 -o again --size 160 --from 0.8 -y");
   cli_expect(&cli, 1, "v.mp4", "0.40 s long", "at least 1 s", NULL);
   cli_run(&cli, "check again");
   cli_expect_out(&cli, 0, NULL);

@@ -11,11 +11,14 @@
 #include "ernerf-lab/synth.h"
 #include "prepare/prepare_job.h"
 
-enum { SIDE = 256, FRAMES = 22, PIXELS = SIDE * SIDE, CALLS = 5 };
+enum { FRAMES = 22, CALLS = 5 };
+
+/* Of a picture. In the quick test the smallest side that prepare takes, as the cost of a run goes with the area. */
+static int side, pixels;
 
 struct truth {
   ern_context *context;
-  uint8_t *person, *head; /* [FRAMES][PIXELS] */
+  uint8_t *person, *head; /* [FRAMES][pixels] */
   ern_image background;
 };
 
@@ -32,8 +35,8 @@ static const char *name_of(const char *folder, const char *format, int frame) {
 static ern_image picture(ern_context *context, const char *path, int channels) {
   ern_image image = {0};
   support_ok(context, ern_image_read(context, path, channels, &image));
-  assert_int_equal(image.width, SIDE);
-  assert_int_equal(image.height, SIDE);
+  assert_int_equal(image.width, side);
+  assert_int_equal(image.height, side);
   return image;
 }
 
@@ -47,24 +50,26 @@ static int difference(const uint8_t *a, const uint8_t *b) {
 /* The same clip twice, once as a head alone: what differs from the background there is the head. */
 static int make_truth(void **state) {
   static struct truth t;
+  side = getenv("ERNERF_TEST_LONG") != NULL ? 256 : 128;
+  pixels = side * side;
   t.context = support_context();
   ern_synth_options options = ern_synth_options_default();
-  options.size = SIDE;
+  options.size = side;
   options.frames = FRAMES;
   options.seed = 3;
   support_ok(t.context, ern_synth_write(t.context, "clip", &options));
   options.torso = false;
   support_ok(t.context, ern_synth_write(t.context, "alone", &options));
-  support_ok(t.context, ERN_NEW(t.context, FRAMES * PIXELS, &t.person));
-  support_ok(t.context, ERN_NEW(t.context, FRAMES * PIXELS, &t.head));
+  support_ok(t.context, ERN_NEW(t.context, FRAMES * (size_t)pixels, &t.person));
+  support_ok(t.context, ERN_NEW(t.context, FRAMES * (size_t)pixels, &t.head));
   t.background = picture(t.context, "clip/bc.jpg", 3);
   for (int f = 0; f < FRAMES; f++) {
     ern_image alone = picture(t.context, name_of("alone", "gt_imgs/%d.jpg", f), 3);
     ern_image torso = picture(t.context, name_of("clip", "torso_imgs/%d.png", f), 4);
-    for (int k = 0; k < PIXELS; k++) {
+    for (int k = 0; k < pixels; k++) {
       const bool head = difference(alone.data + 3 * k, t.background.data + 3 * k) > 20;
-      t.head[f * PIXELS + k] = head;
-      t.person[f * PIXELS + k] = head || torso.data[4 * k + 3] >= 128;
+      t.head[f * pixels + k] = head;
+      t.person[f * pixels + k] = head || torso.data[4 * k + 3] >= 128;
     }
     ern_image_free(t.context, &alone);
     ern_image_free(t.context, &torso);
@@ -97,7 +102,7 @@ static ern_status run_layers(struct run *run, ern_context *context, size_t frame
                                       .video = "made up",
                                       .folder = "clip",
                                       .options = &run->options,
-                                      .side = SIDE,
+                                      .side = side,
                                       .frames = frames,
                                       .record = json_object(),
                                       .verdict = &run->verdict,
@@ -117,9 +122,9 @@ static void overlaps(const struct truth *t, double *person, double *head) {
   size_t both[2] = {0}, any[2] = {0};
   for (int f = 0; f < FRAMES; f++) {
     ern_image parsing = picture(t->context, name_of("clip", "parsing/%d.png", f), 3);
-    for (int k = 0; k < PIXELS; k++) {
+    for (int k = 0; k < pixels; k++) {
       const bool found[2] = {is_person(parsing.data + 3 * k), is_head(parsing.data + 3 * k)};
-      const bool there[2] = {t->person[f * PIXELS + k], t->head[f * PIXELS + k]};
+      const bool there[2] = {t->person[f * pixels + k], t->head[f * pixels + k]};
       for (int i = 0; i < 2; i++) {
         both[i] += found[i] && there[i];
         any[i] += found[i] || there[i];
@@ -143,9 +148,9 @@ static void test_truth(void **state) {
   assert_true(person >= 0.96);
   assert_true(head >= 0.93);
   ern_image background = picture(t->context, "clip/bc.jpg", 3);
-  for (int k = 0; k < PIXELS; k++) {
+  for (int k = 0; k < pixels; k++) {
     bool free = true;
-    for (int f = 0; f < FRAMES; f++) free = free && !t->person[f * PIXELS + k];
+    for (int f = 0; f < FRAMES; f++) free = free && !t->person[f * pixels + k];
     if (!free) continue;
     sum += difference(background.data + 3 * k, t->background.data + 3 * k);
     seen++;
@@ -158,12 +163,12 @@ static void test_truth(void **state) {
     ern_image torso = picture(t->context, name_of("clip", "torso_imgs/%d.png", f), 4);
     double apart = 0;
     size_t hidden = 0, solid = 0;
-    for (int k = 0; k < PIXELS; k++) {
+    for (int k = 0; k < pixels; k++) {
       apart += difference(frame.data + 3 * k, shown.data + 3 * k);
       solid += torso.data[4 * k + 3] == 255;
-      hidden += torso.data[4 * k + 3] == 255 && t->head[f * PIXELS + k];
+      hidden += torso.data[4 * k + 3] == 255 && t->head[f * pixels + k];
     }
-    assert_true(apart / PIXELS < 4);
+    assert_true(apart / pixels < 4);
     assert_true(hidden > 0 && solid > 4 * hidden); /* the neck goes on behind the head */
     ern_image_free(t->context, &frame);
     ern_image_free(t->context, &shown);
@@ -178,12 +183,12 @@ static void test_no_shoulders(void **state) {
   struct run run = {.options = ern_prepare_options_default()};
   run.options.masks = "narrow";
   mkdir("narrow", 0755);
-  uint8_t *grey = calloc(1, PIXELS);
-  ern_image image = {.width = SIDE, .height = SIDE, .channels = 1, .data = grey};
+  uint8_t *grey = calloc(1, (size_t)pixels);
+  ern_image image = {.width = side, .height = side, .channels = 1, .data = grey};
   for (int step = 0; step < 3; step++) {
     for (int f = 0; f < FRAMES; f++) {
-      for (int k = 0; k < PIXELS; k++) {
-        const bool in = step == 1 ? t->person[f * PIXELS + k] : t->head[f * PIXELS + k];
+      for (int k = 0; k < pixels; k++) {
+        const bool in = step == 1 ? t->person[f * pixels + k] : t->head[f * pixels + k];
         grey[k] = in ? 255 : 0;
       }
       support_ok(t->context, ern_image_write(t->context, name_of("narrow", "%d.png", f), &image, 100));
@@ -202,12 +207,12 @@ static void test_supplied(void **state) {
   run.options.masks = "brought";
   run.options.head_only = true;
   mkdir("brought", 0755);
-  uint8_t *rgb = calloc(3, PIXELS);
-  ern_image image = {.width = SIDE, .height = SIDE, .channels = 3, .data = rgb};
+  uint8_t *rgb = calloc(3, (size_t)pixels);
+  ern_image image = {.width = side, .height = side, .channels = 3, .data = rgb};
   for (int f = 0; f < FRAMES; f++) {
-    for (int k = 0; k < PIXELS; k++)
+    for (int k = 0; k < pixels; k++)
       for (int c = 0; c < 3; c++) {
-        const int person = t->person[f * PIXELS + k], head = t->head[f * PIXELS + k];
+        const int person = t->person[f * pixels + k], head = t->head[f * pixels + k];
         rgb[3 * k + c] = (uint8_t)(255 * (head ? c == 2 : person ? c == 0 : 1));
       }
     support_ok(t->context, ern_image_write(t->context, name_of("brought", "%d.png", f), &image, 100));
@@ -220,32 +225,34 @@ static void test_supplied(void **state) {
   ern_image shown = picture(t->context, "clip/gt_imgs/3.jpg", 3);
   ern_image background = picture(t->context, "clip/bc.jpg", 3);
   double apart = 0;
-  for (int k = 0; k < PIXELS; k++) assert_int_equal(torso.data[4 * k + 3], 0);
-  for (int k = PIXELS - SIDE; k < PIXELS; k++) apart += difference(shown.data + 3 * k, background.data + 3 * k);
-  assert_true(apart / SIDE < 6); /* the lowest row is all torso, and shows the background */
+  for (int k = 0; k < pixels; k++) assert_int_equal(torso.data[4 * k + 3], 0);
+  for (int k = pixels - side; k < pixels; k++) apart += difference(shown.data + 3 * k, background.data + 3 * k);
+  assert_true(apart / side < 6); /* the lowest row is all torso, and shows the background */
   ern_image_free(t->context, &torso);
   ern_image_free(t->context, &shown);
   ern_image_free(t->context, &background);
   /* white is the background also in a file that has nothing else, and the folder's files are alike */
-  memset(rgb, 255, 3 * PIXELS);
+  memset(rgb, 255, 3 * (size_t)pixels);
   support_ok(t->context, ern_image_write(t->context, "brought/0.png", &image, 100));
   support_ok(t->context, ern_image_write(t->context, "brought/9.png", &image, 100));
   support_ok(t->context, run_layers(&run, t->context, FRAMES));
   for (int f = 0; f < 10; f += 9) {
     ern_image parsing = picture(t->context, name_of("clip", "parsing/%d.png", f), 3);
-    for (int k = 0; k < PIXELS; k++) assert_false(is_person(parsing.data + 3 * k));
+    for (int k = 0; k < pixels; k++) assert_false(is_person(parsing.data + 3 * k));
     ern_image_free(t->context, &parsing);
   }
-  memset(rgb, 128, 3 * PIXELS);
+  memset(rgb, 128, 3 * (size_t)pixels);
   support_ok(t->context, ern_image_write(t->context, "brought/9.png", &image, 100));
   support_expect(t->context, run_layers(&run, t->context, FRAMES), ERN_E_FORMAT, "brought/9.png: is grey",
                  "1.png is in colours", NULL);
   rgb[1] = 7; /* no colour of a part */
   support_ok(t->context, ern_image_write(t->context, "brought/0.png", &image, 100));
   support_expect(t->context, run_layers(&run, t->context, FRAMES), ERN_E_FORMAT, "brought/0.png", "expected", NULL);
-  image.height = SIDE / 2;
+  image.height = side / 2;
   support_ok(t->context, ern_image_write(t->context, "brought/0.png", &image, 100));
-  support_expect(t->context, run_layers(&run, t->context, FRAMES), ERN_E_SHAPE, "brought/0.png", "256 x 128", NULL);
+  char half[32];
+  snprintf(half, sizeof half, "%d x %d", side, side / 2);
+  support_expect(t->context, run_layers(&run, t->context, FRAMES), ERN_E_SHAPE, "brought/0.png", half, NULL);
   support_ok(t->context, ern_image_write(t->context, name_of("brought", "%d.png", FRAMES), &image, 100));
   support_expect(t->context, run_layers(&run, t->context, FRAMES), ERN_E_MISMATCH, "brought: has 23 files ID.png",
                  "22 frames", NULL);
@@ -257,40 +264,43 @@ static void test_supplied(void **state) {
 /* A picture of the place is cut as the video was, also where it is larger, and one of another form is refused. */
 static void test_background(void **state) {
   struct truth *t = *state;
-  enum { WIDE = 4 * SIDE, HIGH = 2 * SIDE, LEFT = SIDE / 2 }; /* twice the video's size */
+  const int wide = 4 * side, high = 2 * side, left = side / 2; /* twice the video's size */
+  char found[32], expected[32];
   struct run run = {.options = ern_prepare_options_default()};
-  uint8_t *rgb = calloc(3, WIDE * HIGH);
-  ern_image image = {.width = WIDE, .height = HIGH, .channels = 3, .data = rgb};
+  uint8_t *rgb = calloc(3, (size_t)(wide * high));
+  ern_image image = {.width = wide, .height = high, .channels = 3, .data = rgb};
   assert_non_null(rgb);
-  for (int y = 0; y < HIGH; y++)
-    for (int x = LEFT; x < LEFT + HIGH; x++)
-      memcpy(rgb + 3 * (y * WIDE + x), t->background.data + 3 * (y / 2 * SIDE + (x - LEFT) / 2), 3);
+  for (int y = 0; y < high; y++)
+    for (int x = left; x < left + high; x++)
+      memcpy(rgb + 3 * (y * wide + x), t->background.data + 3 * (y / 2 * side + (x - left) / 2), 3);
   support_ok(t->context, ern_image_write(t->context, "place.png", &image, 100));
   run.options.background = "place.png";
-  run.crop = json_pack("{s:f, s:f, s:f, s:f, s:i, s:i}", "x", 0.5 * LEFT, "y", 0.0, "width", 1.0 * SIDE, "side",
-                       1.0 * SIDE, "video_width", WIDE / 2, "video_height", HIGH / 2);
+  run.crop = json_pack("{s:f, s:f, s:f, s:f, s:i, s:i}", "x", 0.5 * left, "y", 0.0, "width", 1.0 * side, "side",
+                       1.0 * side, "video_width", wide / 2, "video_height", high / 2);
   support_ok(t->context, run_layers(&run, t->context, FRAMES));
   ern_image background = picture(t->context, "clip/bc.jpg", 3);
-  for (int k = 0; k < PIXELS; k++)
+  for (int k = 0; k < pixels; k++)
     assert_true(difference(background.data + 3 * k, t->background.data + 3 * k) <= 40); /* of JPEG, at edges */
   ern_image_free(t->context, &background);
   /* black and small */
-  ern_image small = {.width = WIDE / 16, .height = HIGH / 16, .channels = 3, .data = calloc(3, WIDE * HIGH / 256)};
+  ern_image small = {
+      .width = wide / 16, .height = high / 16, .channels = 3, .data = calloc(3, (size_t)(wide * high / 256))};
   support_ok(t->context, ern_image_write(t->context, "small.png", &small, 100));
   free(small.data);
   run.options.background = "small.png";
-  run.crop = json_pack("{s:f, s:f, s:f, s:f, s:i, s:i}", "x", 0.5 * LEFT, "y", 0.0, "width", 1.0 * SIDE, "side",
-                       1.0 * SIDE, "video_width", WIDE / 2, "video_height", HIGH / 2);
+  run.crop = json_pack("{s:f, s:f, s:f, s:f, s:i, s:i}", "x", 0.5 * left, "y", 0.0, "width", 1.0 * side, "side",
+                       1.0 * side, "video_width", wide / 2, "video_height", high / 2);
   support_ok(t->context, run_layers(&run, t->context, FRAMES));
   const char *by = strstr(run.verdict.words, "beside the person by ");
   assert_non_null(strstr(run.verdict.words, "--background small.png is enlarged 8 times"));
   const double told = by != NULL ? strtod(by + strlen("beside the person by "), NULL) : 0;
   if (!(told > 23 && told <= 255)) fail_msg("%s", run.verdict.words);
   run.options.background = "place.png";
-  run.crop = json_pack("{s:f, s:f, s:f, s:f, s:i, s:i}", "x", 0.0, "y", 0.0, "width", 1.0 * SIDE, "side", 1.0 * SIDE,
-                       "video_width", SIDE, "video_height", SIDE + 100);
-  support_expect(t->context, run_layers(&run, t->context, FRAMES), ERN_E_SHAPE, "place.png", "1024 x 512", "256 x 356",
-                 NULL);
+  run.crop = json_pack("{s:f, s:f, s:f, s:f, s:i, s:i}", "x", 0.0, "y", 0.0, "width", 1.0 * side, "side", 1.0 * side,
+                       "video_width", side, "video_height", side + 100);
+  snprintf(found, sizeof found, "%d x %d", wide, high);
+  snprintf(expected, sizeof expected, "%d x %d", side, side + 100);
+  support_expect(t->context, run_layers(&run, t->context, FRAMES), ERN_E_SHAPE, "place.png", found, expected, NULL);
   free(rgb);
 }
 
@@ -320,9 +330,9 @@ static void test_cluttered(void **state) {
   struct run run = {.options = ern_prepare_options_default()};
   for (int f = 0; f < FRAMES; f++) {
     ern_image frame = picture(t->context, name_of("clip", "ori_imgs/%d.jpg", f), 3);
-    for (int k = 0; k < PIXELS; k++) {
-      const unsigned block = (unsigned)(k % SIDE / 9 + 57 * (k / SIDE / 7)) * 2654435761u;
-      if (!t->person[f * PIXELS + k]) memcpy(frame.data + 3 * k, colours[(block >> 20) % 6], 3);
+    for (int k = 0; k < pixels; k++) {
+      const unsigned block = (unsigned)(k % side / 9 + 57 * (k / side / 7)) * 2654435761u;
+      if (!t->person[f * pixels + k]) memcpy(frame.data + 3 * k, colours[(block >> 20) % 6], 3);
     }
     support_ok(t->context, ern_image_write(t->context, name_of("clip", "ori_imgs/%d.jpg", f), &frame, 90));
     ern_image_free(t->context, &frame);
@@ -342,8 +352,8 @@ static void test_key(void **state) {
   run.options.background = "key";
   for (int f = 0; f < FRAMES; f++) {
     ern_image frame = picture(t->context, name_of("clip", "ori_imgs/%d.jpg", f), 3);
-    for (int k = 0; k < PIXELS; k++)
-      if (!t->person[f * PIXELS + k]) memcpy(frame.data + 3 * k, green, 3);
+    for (int k = 0; k < pixels; k++)
+      if (!t->person[f * pixels + k]) memcpy(frame.data + 3 * k, green, 3);
     support_ok(t->context, ern_image_write(t->context, name_of("clip", "ori_imgs/%d.jpg", f), &frame, 98));
     ern_image_free(t->context, &frame);
   }
@@ -353,17 +363,17 @@ static void test_key(void **state) {
   assert_true(person >= 0.96);
   assert_true(head >= 0.93);
   ern_image background = picture(t->context, "clip/bc.jpg", 3);
-  for (int k = 0; k < PIXELS; k++) assert_true(difference(background.data + 3 * k, green) <= 4);
+  for (int k = 0; k < pixels; k++) assert_true(difference(background.data + 3 * k, green) <= 4);
   ern_image_free(t->context, &background);
 }
 
 static void test_nothing(void **state) {
   struct truth *t = *state;
   struct run run = {.options = ern_prepare_options_default()};
-  uint8_t *rgb = malloc(3 * PIXELS);
-  const ern_image image = {.width = SIDE, .height = SIDE, .channels = 3, .data = rgb};
+  uint8_t *rgb = malloc(3 * (size_t)pixels);
+  const ern_image image = {.width = side, .height = side, .channels = 3, .data = rgb};
   for (int grey = 0; grey <= 255; grey += 255) { /* one colour everywhere, and frames of both */
-    memset(rgb, grey, 3 * PIXELS);
+    memset(rgb, grey, 3 * (size_t)pixels);
     for (int f = 0; f < FRAMES; f++)
       if (grey == 0 || f % 2 == 0)
         support_ok(t->context, ern_image_write(t->context, name_of("clip", "ori_imgs/%d.jpg", f), &image, 98));
