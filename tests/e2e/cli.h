@@ -214,4 +214,40 @@ static inline void cli_same_bytes(const char *a, const char *b) {
   free(right);
 }
 
+/* ---- what shared_clips.sh has made -------------------------------------------------------------------------------- */
+
+static inline void cli_shared_path(char path[2048], const char *name) {
+  const char *folder = getenv("ERNERF_TEST_CLIPS");
+  if (folder == NULL) fail_msg("ERNERF_TEST_CLIPS is not set: it is the folder of e2e/shared_clips");
+  assert_true(snprintf(path, 2048, "%s/%s", folder, name) < 2048);
+  if (!cli_there(path)) fail_msg("%s is missing: e2e/shared_clips makes it", path);
+}
+
+/* A clip of links: "short" (33 frames, 3 of them for validation) or "long" (66, 6). */
+static inline void cli_shared_clip(const char *name, const char *to) {
+  char path[2048];
+  cli_shared_path(path, name);
+  cli_copy(path, to);
+}
+
+/* TO.safetensors and TO.run: "short_head" (20 steps of 2 levels) or "long_head" (6 steps of 4 levels). A program that
+ * goes on with a model may write through links, so these are no links. */
+static inline void cli_shared_model(const char *name, const char *to) {
+  static const char *const files[] = {".safetensors", ".run/state.safetensors", ".run/log.jsonl", ".run/curve.csv",
+                                      ".run/measures.csv"};
+  char part[512], path[2048];
+  snprintf(part, sizeof part, "%s.run", to);
+  support_clear(part);
+  assert_int_equal(mkdir(part, 0777), 0);
+  for (size_t i = 0; i < sizeof files / sizeof *files; i++) {
+    size_t count = 0;
+    snprintf(part, sizeof part, "%s%s", name, files[i]);
+    cli_shared_path(path, part);
+    uint8_t *bytes = cli_bytes(path, &count);
+    snprintf(part, sizeof part, "%s%s", to, files[i]);
+    support_write(part, bytes, count);
+    free(bytes);
+  }
+}
+
 #endif

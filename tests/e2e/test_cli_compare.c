@@ -99,11 +99,9 @@ static int make_all(void **state) {
                                     "part", "mine",          "torn",  "full",          "left",  "plain", "late"};
   for (size_t i = 0; i < sizeof old / sizeof *old; i++) support_clear(old[i]);
   context = support_context();
-  cli_run(&cli, "synth clip --size 64 --frames 66 --seed 3 --quiet");
-  cli_expect(&cli, 0, NULL);
-  cli_run(&cli, "train clip -o a.safetensors --iters 30 --rays 512 --levels 4 --quiet");
-  cli_expect(&cli, 0, NULL);
-  cli_run(&cli, "train clip -o b.safetensors --iters 90 --rays 512 --levels 4 --seed 1 --quiet");
+  cli_shared_clip("long", "clip");
+  cli_shared_model("long_head", "a");
+  cli_run(&cli, "train clip -o b.safetensors --iters 30 --rays 256 --levels 4 --seed 1 --validate-frames 1 --quiet");
   cli_expect(&cli, 0, NULL);
   render_all("a.safetensors", own);
   render_all("b.safetensors", other);
@@ -410,7 +408,7 @@ static void test_sound(void **state) {
   (void)state;
   enum { EARLIER = 30 /* windows before the frame's own */ };
   ern_sound sound = {0}, whole = {0};
-  assert_int_equal(system("rm -rf late && cp -r clip late"), 0);
+  assert_int_equal(system("rm -rf late && cp -rL clip late"), 0);
   json_t *list = json_load_file("late/transforms_val.json", 0, NULL), *frame;
   size_t k;
   json_array_foreach(json_object_get(list, "frames"), k, frame) {

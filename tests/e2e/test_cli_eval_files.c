@@ -14,10 +14,8 @@ static int train_head(void **state) {
   (void)state;
   static const char *const old[] = {"clip", "m.safetensors", "m.run", "t.csv", "s.png", "r.json", "f_%d.png"};
   for (size_t i = 0; i < sizeof old / sizeof *old; i++) support_clear(old[i]);
-  cli_run(&cli, "synth clip --size 64 --frames 66 --seed 3 --quiet");
-  cli_expect(&cli, 0, NULL);
-  cli_run(&cli, "train clip -o m.safetensors --iters 60 --rays 512 --levels 4 --quiet");
-  cli_expect(&cli, 0, NULL);
+  cli_shared_clip("long", "clip");
+  cli_shared_model("long_head", "m");
   return 0;
 }
 

@@ -25,10 +25,8 @@ static json_t *evaluate(const char *options) {
 
 static int train_head(void **state) {
   (void)state;
-  cli_run(&cli, "synth clip --size 64 --frames 66 --seed 3 --quiet");
-  cli_expect(&cli, 0, NULL);
-  cli_run(&cli, "train clip -o m.safetensors --iters 6 --rays 256 --levels 4 --quiet");
-  cli_expect(&cli, 0, NULL);
+  cli_shared_clip("long", "clip");
+  cli_shared_model("long_head", "m");
   json_t *report = evaluate("");
   const json_t *list = json_object_get(report, "frames"), *row;
   size_t k;

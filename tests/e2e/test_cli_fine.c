@@ -11,28 +11,27 @@ static int make_clip(void **state) {
                                     "t.run", "t.head.safetensors", "t.head.run", "u.safetensors",
                                     "u.run", "u.head.safetensors", "u.head.run"};
   for (size_t i = 0; i < sizeof old / sizeof *old; i++) support_clear(old[i]);
-  cli_run(&cli, "synth clip --size 64 --frames 33 --seed 3 --quiet");
-  cli_expect(&cli, 0, NULL);
+  cli_shared_clip("short", "clip");
   return 0;
 }
 
-#define HEAD "--rays 600 --levels 2 --seed 5 --validate-every 0 "
+#define HEAD "--rays 600 --levels 2 --seed 5 --validate-every 0 --validate-frames 1 "
 #define FINE " --patch-size 16 --fine-weight 0.3 "
 
 /* A coarse training that goes on as a fine one is the training that was to become one; a resume of that needs no word
  * of it. What is drawn then differs from what a coarse training of as many steps draws. */
 static void test_after_and_as_the_last_part(void **state) {
   (void)state;
-  cli_run(&cli, "train clip -o m.safetensors " HEAD FINE "--iters 30 --fine-steps 12");
+  cli_run(&cli, "train clip -o m.safetensors " HEAD FINE "--iters 16 --fine-steps 6");
   cli_expect(&cli, 0, NULL);
-  cli_run(&cli, "train clip -o n.safetensors " HEAD "--iters 18");
+  cli_run(&cli, "train clip -o n.safetensors " HEAD "--iters 10");
   cli_expect(&cli, 0, NULL);
-  cli_run(&cli, "train clip -o n.safetensors --resume --stage fine" FINE "--iters 30");
+  cli_run(&cli, "train clip -o n.safetensors --resume --stage fine" FINE "--iters 16");
   cli_expect(&cli, 0, NULL);
   cli_same_bytes("m.safetensors", "n.safetensors");
-  cli_run(&cli, "train clip -o n.safetensors --resume --iters 34");
+  cli_run(&cli, "train clip -o n.safetensors --resume --iters 18");
   cli_expect(&cli, 0, NULL);
-  cli_run(&cli, "train clip -o o.safetensors " HEAD "--iters 30");
+  cli_run(&cli, "train clip -o o.safetensors " HEAD "--iters 16");
   cli_expect(&cli, 0, NULL);
   size_t first = 0, second = 0;
   uint8_t *fine = cli_bytes("m.safetensors", &first), *coarse = cli_bytes("o.safetensors", &second);
@@ -100,9 +99,9 @@ static void test_refused(void **state) {
   cli_run(&cli, "train clip -o p.safetensors --fine-steps 3 --patch-size 24");
   cli_expect(&cli, 1, "patch_size is 24, expected 16, 32, 48 or 64", NULL);
   assert_true(access("p.safetensors", F_OK) != 0);
-  cli_run(&cli, "train clip -o n.safetensors --resume --stage coarse --iters 36");
-  cli_expect(&cli, 1, "--stage coarse", "since step 18", NULL);
-  cli_run(&cli, "train clip -o o.safetensors --resume --patch-size 16 --iters 36");
+  cli_run(&cli, "train clip -o n.safetensors --resume --stage coarse --iters 20");
+  cli_expect(&cli, 1, "--stage coarse", "since step 10", NULL);
+  cli_run(&cli, "train clip -o o.safetensors --resume --patch-size 16 --iters 20");
   cli_expect(&cli, 2, "--patch-size", "--stage fine", NULL);
 }
 

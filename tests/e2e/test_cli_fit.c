@@ -18,9 +18,12 @@ static int make_models(void **state) {
   for (size_t i = 0; i < sizeof old / sizeof old[0]; i++) support_clear(old[i]);
   cli_run(&cli, "synth clip --size %d --frames 12 --seed 3 --quiet", SIDE);
   cli_expect(&cli, 0, NULL);
-  cli_run(&cli, "train clip -o head.safetensors --iters 60 --rays 512 --levels 6 --lr_net 0.004 --quiet");
+  cli_run(&cli,
+          "train clip -o head.safetensors --iters 60 --rays 256 --levels 4 --lr_net 0.004 --validate-frames 1 --quiet");
   cli_expect(&cli, 0, NULL);
-  cli_run(&cli, "train clip --torso --head head.safetensors -o portrait.safetensors --iters 60 --rays 512 --quiet");
+  cli_run(&cli,
+          "train clip --torso --head head.safetensors -o portrait.safetensors --iters 30 --rays 256 --validate-frames "
+          "1 --quiet");
   cli_expect(&cli, 0, NULL);
   return 0;
 }
@@ -97,8 +100,8 @@ static void test_still_edges(void **state) {
   for (int k = 0; k < 2; k++) {
     support_clear("raw.bin");
     snprintf(cli.line, sizeof cli.line,
-             "render head.safetensors --clip clip --size %dx%d --hold_pose 3 %s -o - --quiet --isa ref", 2 * SIDE, SIDE,
-             words[k]);
+             "render head.safetensors --clip clip --size %dx%d --hold_pose 3 --frames 0:3 %s -o - --quiet --isa ref",
+             2 * SIDE, SIDE, words[k]);
     cli_start(&cli, "raw.bin", 0);
     cli_wait(&cli);
     cli_expect(&cli, 0, NULL);

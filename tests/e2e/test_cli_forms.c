@@ -16,10 +16,8 @@ static uint8_t truth[FRAMES][SIDE * SIDE * 3];
 static int make_inputs(void **state) {
   (void)state;
   support_clear("clip");
-  cli_run(&cli, "synth clip --size 64 --frames 33 --seed 3 --quiet");
-  cli_expect(&cli, 0, NULL);
-  cli_run(&cli, "train clip -o m.safetensors --iters 20 --rays 256 --levels 2 --quiet");
-  cli_expect(&cli, 0, NULL);
+  cli_shared_clip("short", "clip");
+  cli_shared_model("short_head", "m");
   cli_run(&cli, "render m.safetensors --clip clip --frames 0:10 -o p%%02d.png --quiet");
   cli_expect(&cli, 0, NULL);
   if (ern_context_create(&context, NULL) != ERN_OK) return -1;

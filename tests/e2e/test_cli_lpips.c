@@ -20,31 +20,30 @@ static int make_clip(void **state) {
                                     "p.safetensors", "t.csv",         "f_%d.png", "r.json",        "x.pth"};
   for (size_t i = 0; i < sizeof old / sizeof *old; i++) support_clear(old[i]);
   made_lpips("a.safetensors", "h.safetensors", 0);
-  cli_run(&cli, "synth clip --size 64 --frames 33 --seed 3 --quiet");
-  cli_expect(&cli, 0, NULL);
+  cli_shared_clip("short", "clip");
   return 0;
 }
 
-#define HEAD "--rays 1100 --levels 2 --seed 5 --validate-every 0 --quiet "
+#define HEAD "--rays 1100 --levels 2 --seed 5 --validate-every 0 --validate-frames 1 --quiet "
 #define FINE "--fine-loss lpips " WEIGHTS
 
 static void test_fine_stage(void **state) {
   (void)state;
-  cli_run(&cli, "train clip -o m.safetensors " HEAD FINE "--iters 24 --fine-steps 8");
+  cli_run(&cli, "train clip -o m.safetensors " HEAD FINE "--iters 12 --fine-steps 4");
   cli_expect(&cli, 0, NULL);
-  cli_run(&cli, "train clip -o n.safetensors " HEAD FINE "--iters 20 --fine-steps 4");
+  cli_run(&cli, "train clip -o n.safetensors " HEAD FINE "--iters 10 --fine-steps 2");
   cli_expect(&cli, 0, NULL);
-  cli_run(&cli, "train clip -o n.safetensors --resume --iters 24");
+  cli_run(&cli, "train clip -o n.safetensors --resume --iters 12");
   cli_expect(&cli, 1, "fine_loss", "lpips-alexnet", "ssim", NULL);
-  cli_run(&cli, "train clip -o n.safetensors -y " HEAD FINE "--iters 16");
+  cli_run(&cli, "train clip -o n.safetensors -y " HEAD FINE "--iters 8");
   cli_expect(&cli, 2, "--fine-loss", "--stage fine", NULL);
-  cli_run(&cli, "train clip -o n.safetensors -y " HEAD "--iters 16");
+  cli_run(&cli, "train clip -o n.safetensors -y " HEAD "--iters 8");
   cli_expect(&cli, 0, NULL);
-  cli_run(&cli, "train clip -o n.safetensors --resume --stage fine " FINE "--iters 20 --quiet");
+  cli_run(&cli, "train clip -o n.safetensors --resume --stage fine " FINE "--iters 10 --quiet");
   cli_expect(&cli, 0, NULL);
-  cli_run(&cli, "train clip -o n.safetensors --resume " FINE "--iters 24 --quiet");
+  cli_run(&cli, "train clip -o n.safetensors --resume " FINE "--iters 12 --quiet");
   cli_expect(&cli, 0, NULL);
-  cli_run(&cli, "train clip -o p.safetensors " HEAD "--iters 24 --fine-steps 8"); /* with its own loss */
+  cli_run(&cli, "train clip -o p.safetensors " HEAD "--iters 12 --fine-steps 4"); /* with its own loss */
   cli_expect(&cli, 0, NULL);
   size_t first = 0, second = 0;
   uint8_t *lpips = cli_bytes("m.safetensors", &first), *ssim = cli_bytes("p.safetensors", &second);
@@ -56,10 +55,10 @@ static void test_fine_stage(void **state) {
 /* --paper with the loss of the paper: its fine stage is the last fifth. */
 static void test_paper(void **state) {
   (void)state;
-  cli_run(&cli, "train clip -o p.safetensors -y --paper " HEAD FINE "--iters 20");
+  cli_run(&cli, "train clip -o p.safetensors -y --paper " HEAD FINE "--iters 10");
   cli_expect(&cli, 0, NULL);
   cli_run(&cli, "train clip -o n.safetensors -y " HEAD FINE
-                "--iters 20 --fine-steps 4 --ray-sampling uniform --refresh-every 16");
+                "--iters 10 --fine-steps 2 --ray-sampling uniform --refresh-every 16");
   cli_expect(&cli, 0, NULL);
   cli_same_bytes("p.safetensors", "n.safetensors");
   cli_run(&cli, "train clip -o p.safetensors -y --paper --fine-weight 1 --iters 20");
@@ -168,7 +167,7 @@ int main(void) {
 #else
 static void test_not_there(void **state) {
   (void)state;
-  cli_run(&cli, "synth clip --size 64 --frames 33 --seed 3 --quiet");
+  cli_shared_clip("short", "clip");
   cli_run(&cli, "train clip -o q.safetensors --fine-steps 4 --fine-loss lpips --lpips-network a --lpips-heads b");
   cli_expect(&cli, 1, "libernerf-perceptual", "ERNERF_PERCEPTUAL", NULL);
 }

@@ -6,7 +6,7 @@
 
 #include "ernerf/model.h"
 
-#define SMALL "--iters 3 --rays 32 --levels 2 --validate-every 0 "
+#define SMALL "--iters 3 --rays 32 --levels 2 --validate-every 0 --validate-frames 1 "
 
 static struct cli cli;
 
@@ -16,9 +16,9 @@ static int make_clip(void **state) {
       "clip",          "other", "out",           "h.safetensors", "h.run", "t.safetensors",        "t.run",
       "f.safetensors", "f.run", "n.safetensors", "n.run",         "v.mp4", "v.mp4.provenance.json"};
   for (size_t i = 0; i < sizeof old / sizeof *old; i++) support_clear(old[i]);
-  cli_run(&cli, "synth clip --size 64 --frames 12 --seed 3 --quiet");
+  cli_run(&cli, "synth clip --size 64 --frames 8 --seed 3 --quiet");
   cli_expect(&cli, 0, NULL);
-  cli_run(&cli, "synth other --size 64 --frames 12 --seed 4 --quiet");
+  cli_run(&cli, "synth other --size 64 --frames 8 --seed 4 --quiet");
   cli_expect(&cli, 0, NULL);
   return 0;
 }
@@ -41,7 +41,7 @@ static void test_consent(void **state) {
   cli_run(&cli, "train clip -o h.safetensors --iters 5 --resume");
   cli_expect(&cli, 0, NULL);
   expect_consent("h.safetensors", "agreed on Monday");
-  cli_run(&cli, "train clip --torso --head h.safetensors -o t.safetensors --iters 3 --rays 32");
+  cli_run(&cli, "train clip --torso --head h.safetensors -o t.safetensors --iters 3 --rays 32 --validate-frames 1");
   cli_expect(&cli, 0, NULL);
   expect_consent("t.safetensors", "agreed on Monday");
   cli_run(&cli, "train clip --from h.safetensors -o f.safetensors " SMALL "--iters 9");

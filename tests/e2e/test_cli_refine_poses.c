@@ -7,7 +7,7 @@
 
 static struct cli cli;
 
-enum { TURN = 2 /* degrees */ };
+enum { TURN = 3 /* degrees */ };
 
 /* Every pose of the file turned about the world's first axis: the camera goes around the head. */
 static void turn_poses(const char *path) {
@@ -34,11 +34,12 @@ static void turn_poses(const char *path) {
 
 static int train_head(void **state) {
   (void)state;
-  static const char *const old[] = {"clip", "turned", "other", "more", "m.safetensors", "m.run"};
+  static const char *const old[] = {"clip", "turned", "other", "more", "m.safetensors", "m.run", "both.json"};
   for (size_t i = 0; i < sizeof old / sizeof old[0]; i++) support_clear(old[i]);
-  cli_run(&cli, "synth clip --size 64 --frames 33 --seed 3 --quiet");
-  cli_expect(&cli, 0, NULL);
-  cli_run(&cli, "train clip -o m.safetensors --iters 400 --rays 1024 --levels 8 --quiet");
+  cli_shared_clip("short", "clip");
+  cli_run(&cli,
+          "train clip -o m.safetensors --iters 400 --rays 512 --levels 6 --validate-every 0 "
+          "--validate-frames 1 --quiet");
   cli_expect(&cli, 0, NULL);
   cli_copy("clip", "turned");
   turn_poses("turned/transforms_val.json");
@@ -53,13 +54,13 @@ static double number(const json_t *object, const char *name) {
 
 static void test_known_turn(void **state) {
   (void)state;
-  cli_run(&cli, "eval m.safetensors clip --json - --quiet");
+  cli_run(&cli, "eval m.safetensors clip --frames 0:2 --json - --quiet");
   cli_expect(&cli, 0, NULL);
   json_t *exact = cli_json(&cli, NULL);
   assert_null(json_object_get(exact, "refined"));
-  cli_run(&cli, "eval m.safetensors turned --force --refine-poses --json - --quiet");
-  cli_expect(&cli, 0, NULL);
-  json_t *turned = cli_json(&cli, NULL), *refined = json_object_get(turned, "refined"), *frame;
+  cli_run(&cli, "eval m.safetensors turned --force --refine-poses --frames 0:2 --json both.json");
+  cli_expect_out(&cli, 0, "refined: each frame at the pose that the model draws it best at", NULL);
+  json_t *turned = cli_json(&cli, "both.json"), *refined = json_object_get(turned, "refined"), *frame;
   const double best = number(exact, "psnr"), wrong = number(turned, "psnr"), found = number(refined, "psnr");
   assert_true(wrong < best - 1);
   assert_true(found > best - 0.2);
@@ -73,14 +74,12 @@ static void test_known_turn(void **state) {
   json_decref(turned);
 }
 
-/* The figures of the frames' own poses are those of an eval without it. */
+/* The figures of the frames' own poses are those of an eval without it: both.json is of test_known_turn. */
 static void test_own_figures_stay(void **state) {
   (void)state;
-  cli_run(&cli, "eval m.safetensors turned --force --json plain.json -y --quiet");
+  cli_run(&cli, "eval m.safetensors turned --force --frames 0:2 --json plain.json -y --quiet");
   cli_expect(&cli, 0, NULL);
   json_t *plain = cli_json(&cli, "plain.json");
-  cli_run(&cli, "eval m.safetensors turned --force --refine-poses --json both.json -y --quiet");
-  cli_expect_out(&cli, 0, "refined: each frame at the pose that the model draws it best at", NULL);
   json_t *both = cli_json(&cli, "both.json");
   static const char *const figures[] = {"psnr", "ssim", "psnr_head", "psnr_mouth", "samples_per_frame"};
   for (size_t i = 0; i < sizeof figures / sizeof *figures; i++)
@@ -103,7 +102,9 @@ static void test_of_another_clip(void **state) {
   cli_copy("clip", "other");
   cli_replace("other/transforms_train.json", poses, count + 1);
   free(poses);
-  cli_run(&cli, "train clip -o r.safetensors --refine-poses --iters 40 --rays 256 --levels 2 --quiet");
+  cli_run(&cli,
+          "train clip -o r.safetensors --refine-poses --iters 20 --rays 128 --levels 2 --validate-frames 1 "
+          "--quiet");
   cli_expect(&cli, 0, NULL);
 
   cli_run(&cli, "render r.safetensors --clip clip --split train --frames 3:4 -o own_%%d.png --quiet");
@@ -118,10 +119,10 @@ static void test_of_another_clip(void **state) {
   cli_expect(&cli, 0, "its pose corrections are of that clip's frames, and are left out", NULL);
 
   /* moments too: a state of another clip may be of another number of frames */
-  cli_run(&cli, "synth more --size 64 --frames 44 --seed 4 --quiet");
-  cli_expect(&cli, 0, NULL);
+  cli_shared_clip("long", "more");
   cli_run(&cli,
-          "train more -o s.safetensors --from r.run/state.safetensors --refine-poses --iters 41 --validate-frames 1");
+          "train more -o s.safetensors --from r.run/state.safetensors --refine-poses --iters 21 --rays 128 "
+          "--validate-frames 1");
   cli_expect(&cli, 0, "its pose corrections are of the frames of another clip, and are left out", NULL);
 }
 

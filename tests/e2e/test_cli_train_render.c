@@ -129,16 +129,17 @@ static void test_threads(void **state) {
   static const int threads[] = {1, 2, 4};
   char name[64];
   for (size_t i = 0; i < sizeof threads / sizeof threads[0]; i++) {
-    cli_run(&cli, "train clip -o t%d.safetensors --iters 17 --rays 256 --levels 4 --threads %d --quiet", threads[i],
-            threads[i]);
+    cli_run(&cli,
+            "train clip -o t%d.safetensors --iters 17 --rays 128 --levels 4 --validate-frames 1 --threads %d --quiet",
+            threads[i], threads[i]);
     cli_expect(&cli, 0, NULL);
     assert_string_equal(cli.err, "");
     snprintf(name, sizeof name, "t%d.safetensors", threads[i]);
     cli_same_bytes("t1.safetensors", name);
   }
-  cli_run(&cli, "train clip -o other.safetensors --iters 1 --rays 256 --levels 4 --seed 1 --quiet");
+  cli_run(&cli, "train clip -o other.safetensors --iters 1 --rays 64 --levels 4 --validate-frames 1 --seed 1 --quiet");
   cli_expect(&cli, 0, NULL);
-  cli_run(&cli, "train clip -o first.safetensors --iters 1 --rays 256 --levels 4 --seed 2 --quiet");
+  cli_run(&cli, "train clip -o first.safetensors --iters 1 --rays 64 --levels 4 --validate-frames 1 --seed 2 --quiet");
   cli_expect(&cli, 0, NULL);
   size_t count = 0, same = 0;
   uint8_t *one = cli_bytes("other.safetensors", &count), *two = cli_bytes("first.safetensors", &same);
@@ -153,9 +154,12 @@ static void test_average(void **state) {
   cli_run(&cli, "train clip -o few.safetensors --iters 3 --rays 64 --levels 4 --ema --ema-every 1");
   cli_expect(&cli, 1, "3 updates", "expected at least 10", "10 steps in all", NULL);
   assert_false(cli_there("few.safetensors") || cli_there("few.run"));
-  cli_run(&cli, "train clip -o few.safetensors --iters 10 --rays 64 --levels 4 --ema --ema-every 1 --save-every 4");
+  cli_run(&cli,
+          "train clip -o few.safetensors --iters 10 --rays 64 --levels 4 --validate-frames 1 --ema --ema-every 1 "
+          "--save-every 4");
   cli_expect(&cli, 0, "few.safetensors: step 8: the weights as they are", NULL);
-  cli_run(&cli, "train clip -o mean.safetensors --iters 11 --rays 64 --levels 4 --ema-every 1 --quiet");
+  cli_run(&cli,
+          "train clip -o mean.safetensors --iters 11 --rays 64 --levels 4 --validate-frames 1 --ema-every 1 --quiet");
   cli_expect(&cli, 0, NULL);
   size_t raw = 0, mean = 0;
   uint8_t *before = cli_bytes("mean.safetensors", &raw);
@@ -341,7 +345,9 @@ static void test_largest_seed(void **state) {
   size_t bytes = 0;
   support_clear("seed.safetensors");
   support_clear("seed.run");
-  cli_run(&cli, "train clip -o seed.safetensors --iters 1 --rays 16 --levels 2 --seed %s --quiet --json", seed);
+  cli_run(&cli,
+          "train clip -o seed.safetensors --iters 1 --rays 16 --levels 2 --validate-frames 1 --seed %s --quiet --json",
+          seed);
   cli_expect(&cli, 0, NULL);
   json_t *report = cli_json(&cli, NULL);
   assert_string_equal(json_string_value(json_object_get(report, "seed")), seed);

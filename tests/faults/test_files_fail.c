@@ -58,6 +58,7 @@ enum { WAYS = sizeof ways / sizeof *ways, SLOW_CALLS = 8 };
 
 static struct journey j;
 static ern_context *context;
+static size_t failing; /* number of the call that fails */
 static struct { size_t runs, said, without, unhurt; } tally;
 
 /* ---- folders ----------------------------------------------------------------------------------------------------- */
@@ -187,7 +188,8 @@ static void look_at(const char *below) {
   } else if (way->timed && !journey_there(was)) {
     if (!ends_whole(below, path)) fail_msg("%s: %s is half-written", way->name, path);
   } else if (!same_bytes(path, was) && !same_bytes(path, becomes)) {
-    fail_msg("%s: %s is neither as before nor as it should be", way->name, path);
+    fail_msg("%s: call %zu (%s): exit status %d, and %s is neither as before nor as it should be\n%s", way->name,
+             failing, j.seen->name, j.status, path, j.err);
   }
 }
 
@@ -205,6 +207,7 @@ static void look_for(const char *below) {
 
 static void one_fault(const struct fault *fault, const char *kind) {
   copy_folder("was", "out");
+  failing = fault->at;
   journey_start(&j, fault, "%s --quiet", way->line);
   journey_wait(&j);
   if (!atomic_load(&j.seen->struck)) return; /* there were fewer calls this time */

@@ -7,7 +7,7 @@ ernerf=$1 source=$2 folder=$3
 ln -s "$source/data/tiny" clip
 
 # a head with all that a step can have: frames, poses, the fine stage, refreshes, an average
-head="--iters 6 --rays 1024 --levels 4 --refine-poses --frames-per-step 2 --fine-steps 2 --patch-size 16 --step-parts 4 --ema --ema-every 1 --validate-frames 1 --refresh-every 2"
+head="--iters 10 --rays 1024 --levels 4 --refine-poses --frames-per-step 2 --fine-steps 2 --patch-size 16 --step-parts 4 --ema --ema-every 1 --validate-frames 1 --refresh-every 4"
 for count in 0 2 4; do on $count -o head$count.safetensors $head; done
 grep -q "rank 3 of 4: rays 768 to 1023 of the 1024 of a step" log.txt || fail "rank 3 does not say its share: $(cat log.txt)"
 same head0.safetensors head2.safetensors
