@@ -186,12 +186,18 @@ fail:
   return status;
 }
 
+int ern_av_read_packet(AVFormatContext *container, AVPacket *packet) {
+  const int error = av_read_frame(container, packet);
+  const AVIOContext *io = container->pb;
+  return error == AVERROR_EOF && io != NULL && io->error < 0 && io->error != AVERROR_EXIT ? io->error : error;
+}
+
 /* Sends the codec the next packet of the stream, or the end of the stream (NULL). */
 static ern_status feed(struct ern_decoder *decoder) {
   ern_context *context = decoder->context;
   AVPacket *packet = decoder->packet;
   for (;;) {
-    int error = av_read_frame(decoder->container, packet);
+    int error = ern_av_read_packet(decoder->container, packet);
     if (error == AVERROR_EOF) {
       decoder->drained = true;
       error = avcodec_send_packet(decoder->codec, NULL);

@@ -15,6 +15,10 @@
  * operating system's, else `otherwise`. */
 ern_status ern_av_fail(ern_context *context, ern_status otherwise, const char *path, const char *doing, int error);
 
+/* av_read_frame; but where a demuxer takes a failed read for the end of the file (AVERROR_EOF), the error of that read.
+ * A read that an interrupt ends (AVERROR_EXIT) is an end. */
+int ern_av_read_packet(AVFormatContext *container, AVPacket *packet);
+
 /* Stops FFmpeg from logging to stderr, which a library must not do. FFmpeg has one log level for the whole process. It
  * is set to AV_LOG_FATAL where the program has left it at FFmpeg's default; any other level stays. The error text of
  * the context has FFmpeg's errors in any case. */

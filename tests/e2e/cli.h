@@ -214,7 +214,8 @@ static inline void cli_same_bytes(const char *a, const char *b) {
   free(right);
 }
 
-/* ---- what shared_clips.sh has made -------------------------------------------------------------------------------- */
+/* ---- what shared_clips.sh has made --------------------------------------------------------------------------------
+ */
 
 static inline void cli_shared_path(char path[2048], const char *name) {
   const char *folder = getenv("ERNERF_TEST_CLIPS");

@@ -157,6 +157,7 @@ static ern_trainer *head_trainer(const ern_dataset *data, bool over_random, int 
   config.rays = rays;
   config.ray_sampling = ERN_RAY_SAMPLING_UNIFORM;
   config.head_random_background = over_random;
+  config.threads = 1; /* so small a step takes two threads longer than one, to the same bytes */
   support_ok(made.context, ern_trainer_create(&trainer, made.backend, data, &config));
   return trainer;
 }

@@ -61,7 +61,7 @@ fail:
 static ern_status next_packet(ern_context *context, struct segment *s, bool *end) {
   for (*end = false;;) {
     av_packet_unref(s->packet);
-    const int error = av_read_frame(s->container, s->packet);
+    const int error = ern_av_read_packet(s->container, s->packet);
     if (error == AVERROR_EOF) *end = true;
     if (*end) return ERN_OK;
     if (error < 0) return ern_av_fail(context, ERN_E_FORMAT, s->path, "read a picture", error);
