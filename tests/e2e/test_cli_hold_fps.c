@@ -279,9 +279,11 @@ static void expect_quartiles(const json_t *of) {
   assert_true(number(of, "quartile_3") >= number(of, "median"));
 }
 
-/* A row for each kind of step; the coarse one is the unit. Without landmarks the mouth is not measured. */
+/* A row for each kind of step; the coarse one is the unit. Without landmarks the mouth is not measured. Half a minute
+ * of trainings: in the long test alone. */
 static void test_fine_stage_without_landmarks(void **state) {
   (void)state;
+  if (getenv("ERNERF_TEST_LONG") == NULL) skip();
   static char text[CLI_TEXT_BYTES];
   static const char *const losses[] = {"coarse", "ssim", "lpips-alexnet"};
   const size_t count = ERN_PERCEPTUAL ? 3 : 2;

@@ -145,31 +145,33 @@ static uint64_t big_endian(const unsigned char *from, size_t bytes) {
   return value;
 }
 
-/* The XMP packet in the last box of the first segment, where there is one. */
+/* The XMP packet in the last box of the first segment, where there is one. A read that fails is no end of the file. */
 static ern_status read_xmp(struct joined *j, const char *path) {
   unsigned char head[24];
   FILE *file = fopen(path, "rb");
   ern_status status = ERN_OK;
-  while (file != NULL && fread(head, 1, 8, file) == 8) {
+  if (file == NULL) return ern_fail(j->context, ERN_E_IO, "%s: cannot be opened again", path);
+  while (fread(head, 1, 8, file) == 8) {
     uint64_t size = big_endian(head, 4), header = 8;
     if (size == 1) { /* the size follows in 64 bits */
       if (fread(head + 8, 1, 8, file) != 8) break;
       size = big_endian(head + 8, 8);
       header = 16;
     }
-    if (size < header || size > INT64_MAX) break; /* size 0: up to the file's end, not a box of ours */
+    if (size < header || size > INT64_MAX) goto fail; /* size 0: up to the file's end, not a box of ours */
     const bool is_xmp = memcmp(head + 4, "uuid", 4) == 0 && header == 8 && size > sizeof head && size < MOST_XMP;
     if (!is_xmp && fseeko(file, (off_t)(size - header), SEEK_CUR) != 0) break;
     if (!is_xmp) continue;
     ERN_TRY(ERN_NEW(j->context, size - sizeof head + 1, &j->xmp));
-    if (fread(head + 8, 1, 16, file) != 16 || fread(j->xmp, 1, size - sizeof head, file) != size - sizeof head) {
-      ern_release(j->context, j->xmp);
-      j->xmp = NULL;
-    }
+    if (fread(head + 8, 1, 16, file) == 16 && fread(j->xmp, 1, size - sizeof head, file) == size - sizeof head)
+      goto fail;
+    ern_release(j->context, j->xmp);
+    j->xmp = NULL;
     break;
   }
+  if (!feof(file)) ERN_TRY(ern_fail(j->context, ERN_E_IO, "%s: cannot read its boxes", path));
 fail:
-  if (file != NULL) fclose(file);
+  fclose(file);
   return status;
 }
 
