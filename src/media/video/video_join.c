@@ -160,7 +160,7 @@ static ern_status read_xmp(struct joined *j, const char *path) {
     }
     if (size < header || size > INT64_MAX) goto fail; /* size 0: up to the file's end, not a box of ours */
     const bool is_xmp = memcmp(head + 4, "uuid", 4) == 0 && header == 8 && size > sizeof head && size < MOST_XMP;
-    if (!is_xmp && fseeko(file, (off_t)(size - header), SEEK_CUR) != 0) break;
+    if (!is_xmp && fseeko(file, (off_t)(size - header), SEEK_CUR) != 0) goto fail; /* no place in a file */
     if (!is_xmp) continue;
     ERN_TRY(ERN_NEW(j->context, size - sizeof head + 1, &j->xmp));
     if (fread(head + 8, 1, 16, file) == 16 && fread(j->xmp, 1, size - sizeof head, file) == size - sizeof head)
