@@ -9,15 +9,18 @@ enum {
   OPTION_BYTES = 2048,
   PARTS_CPU = 64, /* most parts of the samples, each with its own sums; a part has LEAST_TILES or more */
   PARTS_GPU = 512,
-  LEAST_TILES = 8,
-  SUMS_MOST = 1 << 24,      /* floats of all parts' sums: 64 MiB */
-  STAGE_BYTES = 32 * 36 * 4 /* local memory for weights of a GPU's group: CHUNK x STAGE_ROW of mlp.cl */
+  LEAST_TILES = 8,     /* on a CPU. On a GPU tiles in a row only cost time: first come as many parts as can be */
+  SUMS_MOST = 1 << 24, /* floats of all parts' sums: 64 MiB */
+  GPU_ITEMS = 128,     /* of a group: enough to hide the latency of local memory */
+  SHARE_MOST = 8,      /* items that share a column at most: each has four rows of a block or more */
+  CHUNK = 32,          /* of mlp.cl, as BLOCK */
+  BLOCK = 32
 };
 
 /* Sizes of a program: see mlp.cl. */
 struct plan {
-  int group, vectors, lanes;
-  size_t tile; /* samples of a group */
+  int columns, share, vectors, lanes; /* a group has columns*share items */
+  size_t tile;                        /* samples of a group */
   char options[OPTION_BYTES];
   size_t used;
 };
@@ -36,21 +39,35 @@ static void say(struct plan *plan, const char *format, ...) {
 
 /* Floats of a row of a tile. */
 static size_t line(const struct plan *plan, bool cpu) {
-  return (size_t)(plan->group * plan->vectors + (cpu ? 0 : 1)) * (size_t)plan->lanes;
+  return (size_t)(plan->columns * plan->vectors + (cpu ? 0 : 1)) * (size_t)plan->lanes;
+}
+
+/* Bytes of the weights that a GPU's group stages: CHUNK x STAGE_ROW. */
+static size_t stage_bytes(const struct plan *plan) {
+  const size_t share = (size_t)plan->share, rows = (BLOCK / share + 1 + 3) / 4 * 4;
+  return CHUNK * share * rows * sizeof(float);
 }
 
 /* Local memory of a tile of `channels`, and of a transposed tile (sample by sample) of `transposed` channels. */
 static size_t local_bytes(const struct plan *plan, bool cpu, size_t channels, size_t transposed) {
-  const size_t tile = (size_t)(plan->group * plan->vectors * plan->lanes), lanes = (size_t)plan->lanes;
+  const size_t tile = (size_t)(plan->columns * plan->vectors * plan->lanes), lanes = (size_t)plan->lanes;
   const size_t transposed_bytes = tile * ((transposed + lanes - 1) / lanes * lanes) * sizeof(float);
-  return channels * line(plan, cpu) * sizeof(float) + (cpu ? transposed_bytes : STAGE_BYTES);
+  return channels * line(plan, cpu) * sizeof(float) + (cpu ? transposed_bytes : stage_bytes(plan));
+}
+
+/* How many items share a column. */
+static int share_for(int columns, const struct ern_cl_device *device) {
+  int share = 1;
+  while (2 * share * columns <= GPU_ITEMS && (size_t)(2 * share * columns) <= device->group_most && share < SHARE_MOST)
+    share *= 2;
+  return share;
 }
 
 /* The largest tile that fits, at most of the tunable's size. */
 static void plan_tile(struct plan *plan, const struct ern_cl_backend *backend, ern_cl_tunable tunable, size_t channels,
                       size_t transposed) {
   const struct ern_cl_device *device = &backend->device;
-  *plan = (struct plan){.group = 1, .vectors = 1, .lanes = 1};
+  *plan = (struct plan){.columns = 1, .share = 1, .vectors = 1, .lanes = 1};
   if (device->cpu) {
     plan->lanes = device->width;
     plan->vectors = backend->size[tunable];
@@ -61,15 +78,21 @@ static void plan_tile(struct plan *plan, const struct ern_cl_backend *backend, e
         plan->lanes = plan->lanes > 4 ? plan->lanes / 2 : 1;
     }
   } else {
-    plan->group = backend->size[tunable];
-    while (((size_t)plan->group > device->group_most ||
+    plan->columns = backend->size[tunable];
+    plan->share = share_for(plan->columns, device);
+    while (((size_t)(plan->columns * plan->share) > device->group_most ||
             local_bytes(plan, false, channels, transposed) > device->local_bytes) &&
-           plan->group > 1)
-      plan->group /= 2;
+           plan->columns > 1) {
+      plan->columns /= 2;
+      plan->share = share_for(plan->columns, device);
+    }
   }
-  plan->tile = (size_t)(plan->group * plan->vectors * plan->lanes);
-  say(plan, "-D GROUP=%d -D VECTORS=%d -D LANES=%d", plan->group, plan->vectors, plan->lanes);
+  plan->tile = (size_t)(plan->columns * plan->vectors * plan->lanes);
+  say(plan, "-D GROUP=%d -D SHARE=%d -D VECTORS=%d -D LANES=%d", plan->columns * plan->share, plan->share,
+      plan->vectors, plan->lanes);
 }
+
+static size_t plan_items(const struct plan *plan) { return (size_t)(plan->columns * plan->share); }
 
 static void say_shape(struct plan *plan, const struct ern_mlp_fwd_args *a) {
   const struct ern_mlp *mlp = &a->mlp;
@@ -102,7 +125,7 @@ ern_status ern_cl_mlp_fwd(struct ern_stream *stream, struct ern_mlp_fwd_args *a)
   ern_cl_rows(&call, a->y);
   give_inputs(&call, a);
   ern_cl_size(&call, a->n);
-  return ern_cl_run(&call, a->n / plan.tile + (a->n % plan.tile != 0), (size_t)plan.group);
+  return ern_cl_run(&call, a->n / plan.tile + (a->n % plan.tile != 0), plan_items(&plan));
 }
 
 /* Writes the options: offsets of a part's sums, and which gradients are wanted. Returns the number of sums. */
@@ -166,7 +189,7 @@ ern_status ern_cl_mlp_bwd(struct ern_stream *stream, struct ern_mlp_bwd_args *a)
   size_t most = device->cpu ? PARTS_CPU : PARTS_GPU;
   if (most > fitting) most = fitting > 0 ? fitting : 1;
   size_t each = (tiles + most - 1) / most;
-  if (each < LEAST_TILES) each = LEAST_TILES;
+  if (device->cpu && each < LEAST_TILES) each = LEAST_TILES;
   const size_t parts = (tiles + each - 1) / each;
 
   const struct ern_arena_mark mark = ern_arena_mark(stream);
@@ -180,7 +203,7 @@ ern_status ern_cl_mlp_bwd(struct ern_stream *stream, struct ern_mlp_bwd_args *a)
   give_inputs(&call, &a->forward);
   ern_cl_size(&call, each);
   ern_cl_size(&call, n);
-  ERN_TRY(ern_cl_run(&call, parts, (size_t)plan.group));
+  ERN_TRY(ern_cl_run(&call, parts, plan_items(&plan)));
   struct ern_cl_call sum = ern_cl_begin(stream, ERN_CL_mlp, "mlp_sum", plan.options);
   give_gradients(&sum, a);
   ern_cl_span(&sum, ern_span_part(a->dparameters, first, a->dparameters.count - first));

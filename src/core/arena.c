@@ -3,7 +3,11 @@
 #include "core/backend.h"
 #include "core/memory.h"
 
-enum { MAX_BLOCKS = 40, FIRST_BLOCK = 1 << 16 /* elements; blocks double */ };
+enum {
+  MAX_BLOCKS = 256,
+  FIRST_BLOCK = 1 << 16, /* elements; blocks double up to LARGE_BLOCK, and are larger only for a larger span */
+  LARGE_BLOCK = 1 << 26
+};
 
 struct ern_arena {
   struct ern_backend *backend;
@@ -71,6 +75,7 @@ ern_status ern_scratch_take(struct ern_stream *stream, ern_element element, size
   if (b == arena->chain[element].blocks) {
     if (b == MAX_BLOCKS) return ern_fail(context, ERN_E_NO_MEMORY, "scratch: more than %d blocks", MAX_BLOCKS);
     size_t size = b == 0 ? FIRST_BLOCK : 2 * arena->chain[element].size[b - 1];
+    if (size > LARGE_BLOCK) size = LARGE_BLOCK;
     if (size < need) size = need;
     ern_status status = arena->backend->buffer_make(arena->backend, element, size, &arena->chain[element].block[b]);
     if (status == ERN_E_NO_MEMORY && size > need) {

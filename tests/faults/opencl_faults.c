@@ -9,6 +9,7 @@
  *   ERNERF_FAULT_LAUNCH=N                launch number N (from 1, and since N changed) fails, and then
  *   ERNERF_FAULT_COUNT=C                 so do launches up to C in all; without it the device is lost: nothing works
  *   ERNERF_FAULT_FILE=PATH               lost as soon as this file is there
+ *   ERNERF_FAULT_FILL=BYTES              a fill of so many bytes loses the device, as 2 GiB do with NVIDIA's driver
  *   ERNERF_FAULT_CODE=-5                 what the calls return; without it CL_DEVICE_NOT_AVAILABLE */
 #define CL_TARGET_OPENCL_VERSION 120
 #include <CL/cl.h>
@@ -196,8 +197,15 @@ static cl_int CL_API_CALL copy_buffer(cl_command_queue queue, cl_mem from, cl_me
 static cl_int CL_API_CALL fill_buffer(cl_command_queue queue, cl_mem memory, const void *pattern, size_t pattern_bytes,
                                       size_t offset, size_t bytes, cl_uint waits, const cl_event *wait,
                                       cl_event *event) {
+  const long long most = number_of("ERNERF_FAULT_FILL", 0);
   const cl_int code = look(false);
   if (code != CL_SUCCESS) return code;
+  if (most > 0 && bytes >= (size_t)most) {
+    pthread_mutex_lock(&lock);
+    lost = true;
+    pthread_mutex_unlock(&lock);
+    return CL_SUCCESS; /* the next call fails */
+  }
   return driver->clEnqueueFillBuffer(queue, memory, pattern, pattern_bytes, offset, bytes, waits, wait, event);
 }
 

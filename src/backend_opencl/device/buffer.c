@@ -81,6 +81,19 @@ static void buffer_free(struct ern_backend *table, struct ern_buffer *buffer) {
   ern_release(table->context, buffer);
 }
 
+/* Clears `bytes` from byte `at` on; `each` divides both. In pieces, because one fill of 2 GiB or more loses the device
+ * with NVIDIA's driver (an H100 with 580.159; older cards: https://github.com/inducer/pyopencl/issues/395). */
+static cl_int clear(cl_command_queue queue, cl_mem memory, size_t each, size_t at, size_t bytes) {
+  const size_t most = (size_t)1 << 28;
+  const cl_uint word = 0;
+  cl_int code = CL_SUCCESS;
+  for (size_t piece = 0; bytes > 0 && code == CL_SUCCESS; at += piece, bytes -= piece) {
+    piece = bytes < most ? bytes : most;
+    code = clEnqueueFillBuffer(queue, memory, &word, each, at, piece, 0, NULL, NULL);
+  }
+  return code;
+}
+
 static ern_status too_large(struct ern_cl_backend *backend, size_t bytes) {
   const struct ern_cl_device *device = &backend->device;
   return ern_fail(backend->table.context, ERN_E_NO_MEMORY,
@@ -106,9 +119,7 @@ static ern_status buffer_make(struct ern_backend *table, ern_element element, si
   ern_cl_touch(backend, made);
   made->memory = clCreateBuffer(backend->context, CL_MEM_READ_WRITE, bytes, NULL, &code);
   /* Devices allocate memory at its first use, so that a lack of memory shows here. */
-  const cl_uchar zero = 0;
-  if (code == CL_SUCCESS)
-    code = clEnqueueFillBuffer(backend->queue, made->memory, &zero, sizeof zero, 0, bytes, 0, NULL, NULL);
+  if (code == CL_SUCCESS) code = clear(backend->queue, made->memory, element_bytes[element], 0, bytes);
   if (code == CL_SUCCESS) code = clFinish(backend->queue);
   if (code != CL_SUCCESS && made->memory != NULL) {
     clReleaseMemObject(made->memory);
@@ -166,9 +177,8 @@ static ern_status zero(struct ern_stream *stream, ern_span span) {
   if (span.buffer == NULL || span.count == 0) return ERN_OK;
   ern_cl_touch(ern_cl_backend_of(stream), span.buffer);
   const size_t each = element_bytes[span.buffer->element];
-  const cl_uint word = 0;
-  const cl_int code = clEnqueueFillBuffer(ern_cl_stream_of(stream)->queue, span.buffer->memory, &word, each,
-                                          span.at * each, span.count * each, 0, NULL, NULL);
+  const cl_int code =
+      clear(ern_cl_stream_of(stream)->queue, span.buffer->memory, each, span.at * each, span.count * each);
   return ern_cl_check(ern_cl_backend_of(stream), code, "clear memory");
 }
 

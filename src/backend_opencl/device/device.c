@@ -62,6 +62,7 @@ void ern_cl_device_query(struct ern_cl_device *device) {
   device->cpu = device->host;
   device->exact_divide = (number_of(id, CL_DEVICE_SINGLE_FP_CONFIG, sizeof(cl_device_fp_config)) &
                           CL_FP_CORRECTLY_ROUNDED_DIVIDE_SQRT) != 0;
+  device->nvidia = has_extension(extensions, "cl_nv_device_attribute_query");
   device->half = has_extension(extensions, "cl_khr_fp16");
   device->subgroups = has_extension(extensions, "cl_khr_subgroups") || has_extension(extensions, "cl_intel_subgroups");
   const int native = (int)number_of(id, CL_DEVICE_NATIVE_VECTOR_WIDTH_FLOAT, sizeof(cl_uint));

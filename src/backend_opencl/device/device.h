@@ -22,6 +22,7 @@ struct ern_cl_device {
                          its launch and, to return a binary, once more for any size of work-group */
   bool exact_divide;  /* division and square root can be correctly rounded */
   bool half;          /* cl_khr_fp16 */
+  bool nvidia;        /* the compiler takes PTX */
   bool subgroups;     /* cl_khr_subgroups or cl_intel_subgroups */
   int width;          /* samples a work-item processes: the native vector of a CPU, 1 elsewhere */
   size_t group_most;  /* work-items a group at most */

@@ -37,8 +37,9 @@ static void texts_of(ern_cl_source source, const char *text[TEXTS], size_t bytes
 }
 
 void ern_cl_base_options(const struct ern_cl_device *device, char *text, size_t bytes) {
-  snprintf(text, bytes, "-cl-std=CL1.2%s -D WIDTH=%d -D CPU=%d",
-           device->exact_divide ? " -cl-fp32-correctly-rounded-divide-sqrt" : "", device->width, device->cpu);
+  snprintf(text, bytes, "-cl-std=CL1.2%s -D WIDTH=%d -D CPU=%d -D NVIDIA=%d",
+           device->exact_divide ? " -cl-fp32-correctly-rounded-divide-sqrt" : "", device->width, device->cpu,
+           device->nvidia);
 }
 
 ern_status ern_cl_program_key(ern_context *context, const struct ern_cl_device *device, ern_cl_source source,

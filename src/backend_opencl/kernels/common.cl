@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * This text is put in front of every kernel source. Build options: WIDTH (floats in a work-item's vector: 1, 4, 8 or
- * 16), CPU (1 where work-items run on the host's cores) and the device's limits.
+ * 16), CPU (1 where work-items run on the host's cores), NVIDIA (1 where the compiler takes PTX) and the device's
+ * limits.
  *
  * A kernel takes a span as two arguments (base, offset) and rows as three (base, offset, stride). OPEN makes the
  * pointer from them, null where the base is null:

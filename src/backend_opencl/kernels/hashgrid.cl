@@ -199,9 +199,14 @@ KERNEL grid_bwd_table(SPAN(float, dtable), ROWS(const float, df), POSITIONS, str
 
 /* *at += value, atomic: other items may add to it at the same time */
 static inline void add_atomically(volatile global float *at, float value) {
+#if NVIDIA
+  /* PTX ISA, red: subnormal values and sums become zero */
+  asm volatile("red.global.add.f32 [%0], %1;" ::"l"(at), "f"(value) : "memory");
+#else
   volatile global uint *bits = (volatile global uint *)at;
   uint before = atomic_or(bits, 0), found; /* reads it */
   while ((found = atomic_cmpxchg(bits, before, as_uint(as_float(before) + value))) != before) before = found;
+#endif
 }
 
 /* The same by atomics, in any order: fast on a GPU, and with slightly different rounding on every run. Neighbouring

@@ -1,14 +1,15 @@
 /* SPDX-License-Identifier: MIT
  * Fully connected stacks without biases, ReLU between layers: h_0 = x, h_{l+1} = relu(W_l h_l), y = W_last h_last.
  *
- * A work-group takes a tile of samples through all layers. Values are in local memory, [channel][sample of the tile]; a
- * work-item computes the columns of its own samples, so that barriers are needed only for shared data: weights, which a
- * GPU stages in local memory and a CPU reads from its caches, and sums over samples.
+ * A work-group takes a tile of samples through all layers. Values are in local memory, [channel][sample of the tile].
+ * On a CPU a work-item computes whole columns, those of its own samples. On a GPU SHARE items share a column: each
+ * computes its part of a layer's rows, because one item a column leaves too few for the latency of the memory. Weights
+ * are staged in local memory on a GPU and read from the caches on a CPU.
  *
  * Built for one stack, by the options of mlp.c:
  *   LAYERS, HIDDEN = LAYERS - 1; C0 .. widths; A0 .. offset of each W from the first W
  *   R0 .. R3 rows of the input's pieces (0: no such piece), P0 .. P3 their kinds: 0 per sample, 1 per ray, 2 per batch
- *   GROUP work-items, each with VECTORS vectors of LANES samples
+ *   GROUP work-items, SHARE for each VECTORS vectors of LANES samples
  *   forward: EVEN, ODD the most channels of the two tiles between which the layers alternate
  *   backward: V0 .. first channel of each layer's values, V<LAYERS> of the output's gradient, VALUES channels in all
  *     TURNED vectors of the longest row of weights
@@ -18,7 +19,15 @@
 #define JOIN_(a, b) a##b
 #define JOIN(a, b) JOIN_(a, b)
 #define INLINE static inline __attribute__((always_inline))
-#define TILE (GROUP * VECTORS * LANES) /* samples */
+#define COLUMNS (GROUP / SHARE)
+#define TILE (COLUMNS * VECTORS * LANES) /* samples */
+#if SHARE == 1
+#define COLUMN(item) (item)
+#define PART_OF(item) 0
+#else
+#define COLUMN(item) ((item) % COLUMNS)
+#define PART_OF(item) ((item) / COLUMNS) /* which of the items that share the column */
+#endif
 
 #if LANES == 1
 typedef float vf;
@@ -31,8 +40,8 @@ typedef JOIN(float, LANES) vf;
 #endif
 
 /* A row of a tile is LINE vectors: on a GPU one more than needed, so that a column is spread over the memory banks.
- * BLOCK rows x VECTORS sums are kept in registers at a time: 8 x 3 where there are 32 registers, 4 x 3 where there are
- * 16. */
+ * BLOCK rows x VECTORS sums are computed at a time, those of an item in registers: 8 x 3 where there are 32 registers,
+ * 4 x 3 where there are 16. */
 #if CPU
 #define LINE VECTORS
 #define BLOCK (LANES == 8 ? 4 : 8)
@@ -41,10 +50,11 @@ typedef JOIN(float, LANES) vf;
 #define STAGE_MEMORY
 #define WAIT
 #else
-#define LINE (GROUP * VECTORS + 1)
+#define LINE (COLUMNS * VECTORS + 1)
 #define BLOCK 32
-#define CHUNK 32              /* terms whose weights are staged at a time */
-#define STAGE_ROW (BLOCK + 4) /* room for one row more than a block; a multiple of four */
+#define CHUNK 32                           /* terms whose weights are staged at a time */
+#define ROUND_UP(count) (((count) + 3) / 4 * 4) /* vector loads are aligned */
+#define STAGE_ROW (SHARE * ROUND_UP(BLOCK / SHARE + 1)) /* room for one row more than a block */
 #define STAGE , local float *stage
 #define STAGED , stage
 #define STAGE_MEMORY local float stage[CHUNK * STAGE_ROW] __attribute__((aligned(16)));
@@ -95,9 +105,10 @@ enum { PER_SAMPLE, PER_RAY, PER_BATCH };
 /* Fills rows of a tile with the samples from `first` on of each channel of a piece; zeros from sample n on. */
 INLINE void gather(local vf *tile, global const float *x, const ulong stride, const int rows, const int per,
                    global const int *ray, const ulong first, const ulong n, const int item) {
-  for (int c = 0; c < rows; c++, tile += LINE, x += stride) {
+  tile += PART_OF(item) * LINE, x += PART_OF(item) * stride;
+  for (int c = PART_OF(item); c < rows; c += SHARE, tile += SHARE * LINE, x += SHARE * stride) {
     for (int v = 0; v < VECTORS; v++) {
-      const int column = v * GROUP + item;
+      const int column = v * COLUMNS + COLUMN(item);
       const ulong sample = first + (ulong)(column * LANES);
       if (per != PER_RAY && first + TILE <= n) {
         tile[column] = per == PER_SAMPLE ? LOAD(x + sample) : (vf)*x;
@@ -129,12 +140,12 @@ INLINE void put(global float *y, const ulong at, const ulong n, const vf value, 
   }
 }
 
-/* y [rows][n] = the item's columns of a tile, or += them */
+/* y [rows][n] = the item's part of a tile, or += it */
 INLINE void put_rows(global float *y, const ulong stride, local const vf *tile, const int rows, const bool add,
                      const ulong first, const ulong n, const int item) {
-  for (int c = 0; c < rows; c++) {
+  for (int c = PART_OF(item); c < rows; c += SHARE) {
     for (int v = 0; v < VECTORS; v++) {
-      const int column = v * GROUP + item;
+      const int column = v * COLUMNS + COLUMN(item);
       put(y + (ulong)c * stride, first + (ulong)(column * LANES), n, tile[c * LINE + column], add);
     }
   }
@@ -155,9 +166,14 @@ INLINE void put_rows(global float *y, const ulong stride, local const vf *tile, 
     EACH_VECTOR(ADD_TERM, r)     \
   }
 
-/* sum[r][v] = sum_k A[r][k] in[k][column v], k < count; A (r, k) at r*a_row + k*a_step, one of which is 1. */
+/* Rows of a block that each of the items of a column computes. */
+#define ROWS_EACH(all) (((all) + SHARE - 1) / SHARE)
+
+/* sum[r][v] = sum_k A[r][k] in[k][column v], k < count; A (r, k) at r*a_row + k*a_step, one of which is 1. Of all `all`
+ * rows an item has `rows`. */
 INLINE void products(SUMS, local const vf *in, global const float *a, const int a_row, const int a_step,
-                     const int rows, const int count, const int item STAGE) {
+                     const int all, const int count, const int item STAGE) {
+  const int rows = ROWS_EACH(all);
   const int vectors = VECTORS;
   EACH_ROW(CLEAR_ROW)
 #if CPU
@@ -171,17 +187,18 @@ INLINE void products(SUMS, local const vf *in, global const float *a, const int 
   }
 #undef WEIGHT
 #else
-#define WEIGHT(r) stage[k * STAGE_ROW + r]
+#define WEIGHT(r) own[k * STAGE_ROW + r]
+  local const float *const own = stage + PART_OF(item) * ROUND_UP(rows);
   for (int begin = 0; begin < count; begin += CHUNK) {
     const int terms = min(CHUNK, count - begin);
     barrier(CLK_LOCAL_MEM_FENCE);
-    for (int i = item; i < rows * terms; i += GROUP) { /* neighbours read neighbouring weights */
-      const int r = a_step == 1 ? i / terms : i % rows, k = a_step == 1 ? i % terms : i / rows;
-      stage[k * STAGE_ROW + r] = a[r * a_row + (begin + k) * a_step];
+    for (int i = item; i < all * terms; i += GROUP) { /* neighbours read neighbouring weights */
+      const int r = a_step == 1 ? i / terms : i % all, k = a_step == 1 ? i % terms : i / all;
+      stage[k * STAGE_ROW + r / rows * ROUND_UP(rows) + r % rows] = a[r * a_row + (begin + k) * a_step];
     }
     barrier(CLK_LOCAL_MEM_FENCE);
     for (int k = 0; k < terms; k++) {
-      const float value[1] = {in[(begin + k) * LINE + item]};
+      const float value[1] = {in[(begin + k) * LINE + COLUMN(item)]};
       EACH_ROW(ADD_ROW)
     }
   }
@@ -195,19 +212,19 @@ typedef enum finish {
   SLOPE /* derivative of the ReLU: sum where the value that `out` holds is above 0 (or NaN); else 0 */
 } finish;
 
-/* Rows row .. row+rows-1 of out = A in. */
+/* Rows row .. row+all-1 of out = A in. */
 INLINE void block(const finish how, local vf *out, local const vf *in, global const float *a, const int a_row,
-                  const int a_step, const int row, const int rows, const int count, const int item STAGE) {
-  const int vectors = VECTORS;
+                  const int a_step, const int row, const int all, const int count, const int item STAGE) {
+  const int vectors = VECTORS, rows = ROWS_EACH(all), before = PART_OF(item) * rows;
   SUMS;
-  products(sum, in, a + row * a_row, a_row, a_step, rows, count, item STAGED);
-  out += row * LINE + item;
-#define FINISH(r, v)                                                                                     \
-  out[r * LINE + v * GROUP] = how == RELU    ? sum[r][v] < 0 ? (vf)0 : sum[r][v]                         \
-                              : how == SLOPE ? out[r * LINE + v * GROUP] <= 0 ? (vf)0 : sum[r][v] \
-                                             : sum[r][v];
+  products(sum, in, a + row * a_row, a_row, a_step, all, count, item STAGED);
+  out += (row + before) * LINE + COLUMN(item);
+#define FINISH(r, v)                                                                                \
+  out[r * LINE + v * COLUMNS] = how == RELU    ? sum[r][v] < 0 ? (vf)0 : sum[r][v]                  \
+                                : how == SLOPE ? out[r * LINE + v * COLUMNS] <= 0 ? (vf)0 : sum[r][v] \
+                                               : sum[r][v];
 #define FINISH_ROW(r) \
-  if (r < rows) { EACH_VECTOR(FINISH, r) }
+  if (r < rows && (all % SHARE == 0 || before + r < all)) { EACH_VECTOR(FINISH, r) }
   EACH_ROW(FINISH_ROW)
 }
 
@@ -250,6 +267,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void mlp_fwd(ROWS(floa
   product(next < LAYERS ? RELU : AS_IT_IS, turns[next % 2], turns[l % 2], w + A##l, C##l, 1, C##next, C##l, \
           item STAGED);
   JOIN(UP_, LAYERS)(LAYER)
+  WAIT
   put_rows(y, y_stride, turns[LAYERS % 2], JOIN(C, LAYERS), false, first, n, item);
 }
 #endif
@@ -369,7 +387,7 @@ INLINE void scatter(global float *dx, const ulong stride, global float *sums, lo
   }
   for (int c = item; c < rows; c += GROUP) {
     vf sum = 0;
-    for (int i = 0; i < GROUP * VECTORS; i++) sum += tile[c * LINE + i];
+    for (int i = 0; i < COLUMNS * VECTORS; i++) sum += tile[c * LINE + i];
     STORE(LOAD(sums + c * LANES) + sum, sums + c * LANES);
   }
 }
