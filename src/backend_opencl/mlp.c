@@ -12,6 +12,7 @@ enum {
   LEAST_TILES = 8,     /* on a CPU. On a GPU tiles in a row only cost time: first come as many parts as can be */
   SUMS_MOST = 1 << 24, /* floats of all parts' sums: 64 MiB */
   GPU_ITEMS = 128,     /* of a group: enough to hide the latency of local memory */
+  FEW_COLUMNS = 16,    /* of a GPU's tile, however few samples there are */
   SHARE_MOST = 8,      /* items that share a column at most: each has four rows of a block or more */
   CHUNK = 32,          /* of mlp.cl, as BLOCK */
   BLOCK = 32
@@ -63,9 +64,16 @@ static int share_for(int columns, const struct ern_cl_device *device) {
   return share;
 }
 
-/* The largest tile that fits, at most of the tunable's size. */
+/* Whether a GPU's tile does not fit the device, or n samples in such tiles leave units without work. */
+static bool is_too_large(const struct plan *plan, const struct ern_cl_device *device, size_t channels, size_t n) {
+  return (size_t)(plan->columns * plan->share) > device->group_most ||
+         local_bytes(plan, false, channels, 0) > device->local_bytes ||
+         (plan->columns > FEW_COLUMNS && n / (size_t)plan->columns < device->units);
+}
+
+/* The largest tile that suits the device and n samples, at most of the tunable's size. */
 static void plan_tile(struct plan *plan, const struct ern_cl_backend *backend, ern_cl_tunable tunable, size_t channels,
-                      size_t transposed) {
+                      size_t transposed, size_t n) {
   const struct ern_cl_device *device = &backend->device;
   *plan = (struct plan){.columns = 1, .share = 1, .vectors = 1, .lanes = 1};
   if (device->cpu) {
@@ -80,9 +88,7 @@ static void plan_tile(struct plan *plan, const struct ern_cl_backend *backend, e
   } else {
     plan->columns = backend->size[tunable];
     plan->share = share_for(plan->columns, device);
-    while (((size_t)(plan->columns * plan->share) > device->group_most ||
-            local_bytes(plan, false, channels, transposed) > device->local_bytes) &&
-           plan->columns > 1) {
+    while (plan->columns > 1 && is_too_large(plan, device, channels, n)) {
       plan->columns /= 2;
       plan->share = share_for(plan->columns, device);
     }
@@ -118,7 +124,7 @@ ern_status ern_cl_mlp_fwd(struct ern_stream *stream, struct ern_mlp_fwd_args *a)
   for (int l = 0; l <= a->mlp.layers; l++)
     if (a->mlp.width[l] > widest[l % 2]) widest[l % 2] = a->mlp.width[l];
   struct plan plan;
-  plan_tile(&plan, ern_cl_backend_of(stream), ERN_CL_SIZE_mlp_fwd, (size_t)(widest[0] + widest[1]), 0);
+  plan_tile(&plan, ern_cl_backend_of(stream), ERN_CL_SIZE_mlp_fwd, (size_t)(widest[0] + widest[1]), 0, a->n);
   say_shape(&plan, a);
   say(&plan, " -D EVEN=%d -D ODD=%d", widest[0], widest[1]);
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_mlp, "mlp_fwd", plan.options);
@@ -182,7 +188,7 @@ ern_status ern_cl_mlp_bwd(struct ern_stream *stream, struct ern_mlp_bwd_args *a)
     if (l < mlp->layers && mlp->width[l] > widest) widest = mlp->width[l];
   struct plan plan;
   plan_tile(&plan, backend, ERN_CL_SIZE_mlp_bwd, (size_t)(values + (device->cpu ? device->width - 1 : 0)),
-            (size_t)widest);
+            (size_t)widest, n);
   say_shape(&plan, &a->forward);
   const size_t part = say_sums(&plan, a, device->cpu);
   const size_t tiles = n / plan.tile + (n % plan.tile != 0), fitting = SUMS_MOST / part;

@@ -55,7 +55,7 @@ struct ern_cl_head {
   bool eye;
   size_t at[PARTS]; /* in net */
   size_t net_count;
-  struct ern_buffer *net, *dense, *levels, *counter; /* reals, reals, bytes, one int32 */
+  struct ern_buffer *net, *dense, *levels, *counter; /* reals, reals, bytes, two int32 */
   uint8_t *bits;                                     /* host: [ERN_OCCUPANCY_BYTES], of the last frame */
   size_t bits_written, bits_at;                      /* version of the buffer then; 0: none yet */
   float *nearest;                                    /* host: one distance per block of pixels */
@@ -276,7 +276,7 @@ ern_status ern_cl_head_make(struct ern_stream *stream, const struct ern_render_p
   p->form = ern_cl_form_for(own->owner, ERN_CL_SIZE_rays_tile, p->form.outputs, column_of(p).rows);
   ERN_TRY(write_options(table->context, p, a->field));
   ERN_TRY(table->buffer_make(table, ERN_ELEMENT_REAL, p->net_count, &p->net));
-  ERN_TRY(table->buffer_make(table, ERN_ELEMENT_INT32, 1, &p->counter));
+  ERN_TRY(table->buffer_make(table, ERN_ELEMENT_INT32, 2, &p->counter));
   ERN_TRY(make_dense(stream, p, a->field, a->parameters));
   ERN_TRY(pack_model(stream, p, a->field, a->parameters));
   return ERN_OK;
@@ -342,38 +342,60 @@ fail:
   return status;
 }
 
-static ern_status launch(struct ern_stream *stream, struct ern_cl_head *p, const struct ern_render_rays_args *a,
-                         ern_span nearest) {
-  const struct ern_cl_backend *backend = ern_cl_backend_of(stream);
-  const struct frame frame = frame_of(a);
-  struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_render, "render_rays", p->options);
-  ern_cl_rows(&call, a->pixel);
-  ern_cl_rows(&call, a->colour);
-  ern_cl_span(&call, a->opacity);
-  ern_cl_span(&call, a->depth);
-  ern_cl_span(&call, a->attention);
-  ern_cl_span(&call, p->eye ? a->eye : (ern_span){0});
-  ern_cl_rows(&call, a->background);
-  ern_cl_span(&call, a->pixel_number);
-  ern_cl_span(&call, a->bits);
-  ern_cl_span(&call, nearest);
-  ern_cl_span(&call, ern_cl_whole(p->net));
-  ern_cl_span(&call, ern_cl_whole(p->dense));
-  ern_cl_span(&call, ern_cl_whole(p->levels));
-  ern_cl_span(&call, ern_cl_whole(p->counter));
-  ern_cl_value(&call, &frame, sizeof frame);
-  return ern_cl_run(&call, ern_cl_groups(backend, ERN_CL_SIZE_rays_groups), (size_t)p->form.group);
+/* Where rays are taken from: on a CPU all of them, with `nearest`; on a GPU those that find_rays lists. */
+struct rays {
+  ern_span nearest, listed_ray, listed_t;
+};
+
+static void give_rays(struct ern_cl_call *call, const struct ern_cl_head *p, const struct ern_render_rays_args *a,
+                      const struct rays *rays) {
+  ern_cl_rows(call, a->pixel);
+  ern_cl_rows(call, a->colour);
+  ern_cl_span(call, a->opacity);
+  ern_cl_span(call, a->depth);
+  ern_cl_span(call, a->attention);
+  ern_cl_span(call, p->eye ? a->eye : (ern_span){0});
+  ern_cl_rows(call, a->background);
+  ern_cl_span(call, a->pixel_number);
+  ern_cl_span(call, a->bits);
+  ern_cl_span(call, rays->nearest);
+  ern_cl_span(call, ern_cl_whole(p->counter));
+  ern_cl_span(call, rays->listed_ray);
+  ern_cl_span(call, rays->listed_t);
+}
+
+static ern_status list_rays(struct ern_stream *stream, struct ern_cl_head *p, const struct ern_render_rays_args *a,
+                            const struct frame *frame, struct rays *rays) {
+  ern_status status = ERN_OK;
+  ERN_TRY(ern_scratch_take(stream, ERN_ELEMENT_INT32, a->n, &rays->listed_ray));
+  ERN_TRY(ern_scratch_take(stream, ERN_ELEMENT_REAL, a->n, &rays->listed_t));
+  struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_render, "find_rays", p->options);
+  give_rays(&call, p, a, rays);
+  ern_cl_value(&call, frame, sizeof *frame);
+  status = ern_cl_each(&call, frame->tickets);
+fail:
+  return status;
 }
 
 ern_status ern_cl_head_render(struct ern_stream *stream, struct ern_cl_head *p, const struct ern_render_rays_args *a) {
-  struct ern_backend *table = &ern_cl_backend_of(stream)->table;
+  const struct ern_cl_backend *backend = ern_cl_backend_of(stream);
   const struct ern_arena_mark mark = ern_arena_mark(stream);
-  ern_span nearest;
+  const struct frame frame = frame_of(a);
+  struct rays rays = {0};
   ern_status status = ERN_OK;
-  ERN_TRY(find_nearest(stream, p, a, &nearest));
   ERN_TRY(fold(stream, p, a));
-  ERN_TRY(table->zero(stream, ern_cl_whole(p->counter)));
-  ERN_TRY(launch(stream, p, a, nearest));
+  ERN_TRY(backend->table.zero(stream, ern_cl_whole(p->counter)));
+  if (backend->device.cpu)
+    ERN_TRY(find_nearest(stream, p, a, &rays.nearest));
+  else
+    ERN_TRY(list_rays(stream, p, a, &frame, &rays));
+  struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_render, "render_rays", p->options);
+  give_rays(&call, p, a, &rays);
+  ern_cl_span(&call, ern_cl_whole(p->net));
+  ern_cl_span(&call, ern_cl_whole(p->dense));
+  ern_cl_span(&call, ern_cl_whole(p->levels));
+  ern_cl_value(&call, &frame, sizeof frame);
+  ERN_TRY(ern_cl_run(&call, ern_cl_groups(backend, ERN_CL_SIZE_rays_groups), (size_t)p->form.group));
 fail:
   ern_arena_release(stream, mark);
   return status;

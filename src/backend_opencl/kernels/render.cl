@@ -7,10 +7,13 @@
  * next ray from a shared counter. So lanes are full until the frame ends, and no sample past the stop is ever computed.
  * Rays are independent: the values of a ray do not depend on the lane that takes it.
  *
+ * On a CPU a lane that takes a ray marches it to its first sample. On a GPU neighbouring lanes would wait for the one
+ * with the longest march, so a kernel of its own, find_rays, lists the rays that have a sample before.
+ *
  * Built for one model's shape: LEVELS; FEATURES = 3 LEVELS, ATTENTION, VALUES, EYE (0 or 1), EYE_HIDDEN, DENSITY,
  * COLOUR: widths; AT_x: where in `net` matrix x begins; ROW_x: where in a tile x begins, TILE_ROWS its rows; A0 B0 A1
  * B1 A2 B2: the axes of the planes. And for one device: GROUP, VECTORS, OUTPUTS. */
-#define CHUNK (WIDTH == 1 ? 1 : 64) /* rays that are taken from the counter at once */
+#define CHUNK (WIDTH == 1 ? 1 : 64) /* rays that are taken from the counter at once, on a CPU */
 #define SIDE 8    /* pixels per edge of the blocks for which nearest[] has values */
 #define CELLS 128 /* cells of the occupancy grid per axis */
 
@@ -120,12 +123,6 @@ INLINE intw find(floatw *t_of, intw going, floatw far, const floatw d[3], const 
 
 /* ---- rays are taken and written out ---- */
 
-struct queue { /* rays that have a sample, at distance t, and wait for a lane */
-  float t[CHUNK], far[CHUNK], d[3][CHUNK];
-  int ray[CHUNK];
-  int taken, hits;
-};
-
 struct flight { /* ray < 0: the lane is empty */
   floatw t[VECTORS], far[VECTORS], d[3][VECTORS], inverse[3][VECTORS];
   floatw transmittance[VECTORS], colour[3][VECTORS], opacity[VECTORS], depth[VECTORS], attention[VECTORS], eye[VECTORS];
@@ -145,73 +142,138 @@ INLINE void put(const struct output *to, uint ray, const float colour[3], float 
   if (EYE && to->eye) to->eye[ray] = eye;
 }
 
-/* Marches WIDTH rays, from number k on, to their first samples; those without one are written out. */
-INLINE void meet(struct queue *q, uint k, const struct frame *f, const struct output *to,
-                 global const int *pixel_number, global const float *nearest, global const uchar *bits) {
-  uintw ray = k + lane_numbers();
-  intw wanted = ray < f->rays;
+struct start { /* of WIDTH rays, at their first samples */
+  uintw ray;
+  intw wanted, found; /* a ray of the frame; it has a sample */
+  floatw t, far, d[3];
+};
+
+/* Direction and distances of the box of rays. Returns those that meet it. */
+INLINE intw aim(struct start *s, const struct frame *f, uintw column, uintw row) {
+  floatw inverse[3];
+  look(s->d, f, column, row);
+  EACH_AXIS inverse[axis] = 1 / s->d[axis];
+  return enter(&s->t, &s->far, f, inverse);
+}
+
+/* Marches WIDTH rays, from number k on, to their first samples. */
+INLINE void start_rays(struct start *s, uint k, const struct frame *f, global const int *pixel_number,
+                       global const float *nearest, global const uchar *bits) {
+  s->ray = k + lane_numbers();
+  s->wanted = s->ray < f->rays;
   if (f->picture) {
     const uint block = k / (SIDE * SIDE), top = block / f->across * SIDE, left = block % f->across * SIDE;
     const uintw within = (k % (SIDE * SIDE)) + lane_numbers(), row = top + within / SIDE, column = left + within % SIDE;
-    wanted = (row < (uint)f->height) & (column < (uint)f->width);
-    ray = row * (uint)f->width + column;
+    s->wanted = (row < (uint)f->height) & (column < (uint)f->width);
+    s->ray = row * (uint)f->width + column;
   }
-  ray = select((uintw)(0), ray, wanted);
-  const uintw pixel = GATHER(uintw, pixel_number, ray);
+  s->ray = select((uintw)(0), s->ray, s->wanted);
+  const uintw pixel = GATHER(uintw, pixel_number, s->ray);
   const uintw row = pixel / (uint)f->width, column = pixel - row * (uint)f->width;
-  const intw known = row < (uint)f->height;
-  const uintw block = select((uintw)(0), row / SIDE * f->across + column / SIDE, known);
-  const floatw not_before = select((floatw)(-INFINITY), GATHER(floatw, nearest, block), known);
-  intw going = wanted & (not_before < INFINITY), found = going;
-  floatw d[3], inverse[3], t = 0, far = 0;
-  if (ANY(going)) {
-    look(d, f, column, row);
-    EACH_AXIS inverse[axis] = 1 / d[axis];
-    going &= enter(&t, &far, f, inverse);
-    intw climbing = going & (t < not_before) & (t < far);
-    while (ANY(climbing)) {
-      const floatw next = t + step_at(f, t);
-      climbing &= next > t;
-      t = select(t, next, climbing);
-      climbing &= (t < not_before) & (t < far);
-    }
-    found = find(&t, going & (t < far), far, d, inverse, f, bits);
+  floatw not_before = -INFINITY;
+  if (nearest) {
+    const intw known = row < (uint)f->height;
+    const uintw block = select((uintw)(0), row / SIDE * f->across + column / SIDE, known);
+    not_before = select((floatw)(-INFINITY), GATHER(floatw, nearest, block), known);
   }
+  intw going = s->wanted & (not_before < INFINITY);
+  s->found = going;
+  if (!ANY(going)) return;
+  going &= aim(s, f, column, row);
+  intw climbing = going & (s->t < not_before) & (s->t < s->far);
+  while (ANY(climbing)) {
+    const floatw next = s->t + step_at(f, s->t);
+    climbing &= next > s->t;
+    s->t = select(s->t, next, climbing);
+    climbing &= (s->t < not_before) & (s->t < s->far);
+  }
+  floatw inverse[3];
+  EACH_AXIS inverse[axis] = 1 / s->d[axis];
+  s->found = find(&s->t, going & (s->t < s->far), s->far, s->d, inverse, f, bits);
+}
+
+INLINE void put_nothing(const struct output *to, uint ray) {
+  const float black[3] = {0, 0, 0};
+  put(to, ray, black, 0, 0, 0, 0);
+}
+
+/* Starts a ray in a lane. */
+INLINE void begin(struct flight *flight, int lane, int ray, float t, float far, const float d[3]) {
+  LANE(flight->t, lane) = t, LANE(flight->far, lane) = far;
+  EACH_AXIS {
+    LANE(flight->d[axis], lane) = d[axis];
+    LANE(flight->inverse[axis], lane) = 1 / d[axis];
+    LANE(flight->colour[axis], lane) = 0;
+  }
+  LANE_INT(flight->ray, lane) = ray, LANE_INT(flight->count, lane) = 0;
+  LANE(flight->transmittance, lane) = 1;
+  LANE(flight->opacity, lane) = LANE(flight->depth, lane) = 0;
+  LANE(flight->attention, lane) = LANE(flight->eye, lane) = 0;
+}
+
+/* Rays and where they are taken from. counter[0]: numbers dealt. On a GPU counter[1] rays are listed, with the
+ * distances of their first samples. */
+struct source {
+  global int *counter, *ray;
+  global float *t;
+  global const int *pixel_number;
+  global const float *nearest;
+  global const uchar *bits;
+};
+
+#if CPU
+struct queue { /* rays that have a sample, at distance t, and wait for a lane */
+  float t[CHUNK], far[CHUNK], d[3][CHUNK];
+  int ray[CHUNK];
+  int taken, hits;
+};
+
+/* Marches WIDTH rays, from number k on, to their first samples; those without one are written out. */
+INLINE void meet(struct queue *q, uint k, const struct frame *f, const struct output *to, const struct source *from) {
+  struct start s;
+  start_rays(&s, k, f, from->pixel_number, from->nearest, from->bits);
   for (int l = 0; l < WIDTH; l++) {
-    if (LANE_INT(&found, l)) {
+    if (LANE_INT(&s.found, l)) {
       const int h = q->hits++;
-      q->ray[h] = LANE_INT(&ray, l), q->t[h] = LANE(&t, l), q->far[h] = LANE(&far, l);
-      EACH_AXIS q->d[axis][h] = LANE(&d[axis], l);
-    } else if (LANE_INT(&wanted, l)) {
-      const float black[3] = {0, 0, 0};
-      put(to, (uint)LANE_INT(&ray, l), black, 0, 0, 0, 0);
+      q->ray[h] = LANE_INT(&s.ray, l), q->t[h] = LANE(&s.t, l), q->far[h] = LANE(&s.far, l);
+      EACH_AXIS q->d[axis][h] = LANE(&s.d[axis], l);
+    } else if (LANE_INT(&s.wanted, l)) {
+      put_nothing(to, (uint)LANE_INT(&s.ray, l));
     }
   }
 }
 
 /* Gives a lane the next ray that has a sample. False where there is none. */
 INLINE bool take(struct flight *flight, int lane, struct queue *q, const struct frame *f, const struct output *to,
-                 global const int *pixel_number, global const float *nearest, global const uchar *bits,
-                 global int *counter) {
+                 const struct source *from) {
   while (q->taken == q->hits) {
-    const uint k = (uint)atomic_add(counter, CHUNK);
+    const uint k = (uint)atomic_add(from->counter, CHUNK);
     if (k >= f->tickets) return false;
     q->taken = q->hits = 0;
-    for (int i = 0; i < CHUNK; i += WIDTH) meet(q, k + i, f, to, pixel_number, nearest, bits);
+    for (int i = 0; i < CHUNK; i += WIDTH) meet(q, k + i, f, to, from);
   }
   const int h = q->taken++;
-  LANE(flight->t, lane) = q->t[h], LANE(flight->far, lane) = q->far[h];
-  EACH_AXIS {
-    LANE(flight->d[axis], lane) = q->d[axis][h];
-    LANE(flight->inverse[axis], lane) = 1 / q->d[axis][h];
-    LANE(flight->colour[axis], lane) = 0;
-  }
-  LANE_INT(flight->ray, lane) = q->ray[h], LANE_INT(flight->count, lane) = 0;
-  LANE(flight->transmittance, lane) = 1;
-  LANE(flight->opacity, lane) = LANE(flight->depth, lane) = 0;
-  LANE(flight->attention, lane) = LANE(flight->eye, lane) = 0;
+  const float d[3] = {q->d[0][h], q->d[1][h], q->d[2][h]};
+  begin(flight, lane, q->ray[h], q->t[h], q->far[h], d);
   return true;
 }
+#else
+struct queue {
+  int taken, hits;
+};
+
+INLINE bool take(struct flight *flight, int lane, struct queue *q, const struct frame *f, const struct output *to,
+                 const struct source *from) {
+  const int k = atomic_inc(from->counter);
+  if (k >= from->counter[1]) return false;
+  struct start s;
+  const int ray = from->ray[k];
+  const uint pixel = (uint)from->pixel_number[ray], row = pixel / (uint)f->width;
+  aim(&s, f, pixel - row * (uint)f->width, row);
+  begin(flight, lane, ray, from->t[k], s.far, s.d);
+  return true;
+}
+#endif
 
 /* Marks a lane as empty. It computes with zeros from then on, and its results are not read. */
 INLINE void leave_empty(struct flight *flight, int lane) {
@@ -392,29 +454,59 @@ INLINE void advance(struct flight *flight, const struct values *values, const st
 
 /* ---- the frame ---- */
 
+#define OUTPUTS_OF_RAYS                                                                                        \
+  ROWS(float, pixel), ROWS(float, colour), SPAN(float, opacity), SPAN(float, depth), SPAN(float, attention),   \
+      SPAN(float, eye), ROWS(const float, background)
+#define RAYS                                                                                             \
+  SPAN(const int, pixel_number), SPAN(const uchar, bits), SPAN(const float, nearest), SPAN(int, counter), \
+      SPAN(int, listed_ray), SPAN(float, listed_t)
+#define OPEN_OUTPUTS                                                                                             \
+  OPEN(float, pixel);                                                                                            \
+  OPEN(float, colour);                                                                                           \
+  OPEN(float, opacity);                                                                                          \
+  OPEN(float, depth);                                                                                            \
+  OPEN(float, attention);                                                                                        \
+  OPEN(float, eye);                                                                                              \
+  OPEN(const float, background);                                                                                 \
+  const struct output output = {pixel,      colour,       opacity,       depth,            attention, eye,       \
+                                background, pixel_stride, colour_stride, background_stride}
+#define OPEN_RAYS           \
+  OPEN(const int, pixel_number); \
+  OPEN(const uchar, bits);       \
+  OPEN(const float, nearest);    \
+  OPEN(int, counter);            \
+  OPEN(int, listed_ray);         \
+  OPEN(float, listed_t);         \
+  const struct source source = {counter, listed_ray, listed_t, pixel_number, nearest, bits}
+
+#if !CPU
+/* Lists the rays that have a sample, in any order; the others are written out. An item has one ray. */
+kernel void find_rays(OUTPUTS_OF_RAYS, RAYS, const struct frame frame) {
+  OPEN_OUTPUTS;
+  OPEN_RAYS;
+  struct start s;
+  const uint k = (uint)get_global_id(0);
+  if (k >= frame.tickets) return;
+  start_rays(&s, k, &frame, pixel_number, nearest, bits);
+  if (s.found) {
+    const int place = atomic_inc(source.counter + 1);
+    source.ray[place] = (int)s.ray, source.t[place] = s.t;
+  } else if (s.wanted) {
+    put_nothing(&output, s.ray);
+  }
+}
+#endif
+
 kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void
-render_rays(ROWS(float, pixel), ROWS(float, colour), SPAN(float, opacity), SPAN(float, depth), SPAN(float, attention),
-            SPAN(float, eye), ROWS(const float, background), SPAN(const int, pixel_number), SPAN(const uchar, bits),
-            SPAN(const float, nearest), SPAN(const float, net), SPAN(const float, dense), SPAN(const uchar, levels),
-            SPAN(int, counter), const struct frame frame) {
+render_rays(OUTPUTS_OF_RAYS, RAYS, SPAN(const float, net), SPAN(const float, dense), SPAN(const uchar, levels),
+            const struct frame frame) {
   local floatw tiles[TILE_ROWS * TILE];
   local floatw *tile = tiles + get_local_id(0);
-  OPEN(float, pixel);
-  OPEN(float, colour);
-  OPEN(float, opacity);
-  OPEN(float, depth);
-  OPEN(float, attention);
-  OPEN(float, eye);
-  OPEN(const float, background);
-  OPEN(const int, pixel_number);
-  OPEN(const uchar, bits);
-  OPEN(const float, nearest);
+  OPEN_OUTPUTS;
+  OPEN_RAYS;
   OPEN(const float, net);
   OPEN(const float, dense);
   OPEN(const uchar, levels);
-  OPEN(int, counter);
-  const struct output output = {pixel,      colour,       opacity,       depth,            attention, eye,
-                                background, pixel_stride, colour_stride, background_stride};
   struct flight flight;
   struct queue queue;
   struct values values;
@@ -431,7 +523,7 @@ render_rays(ROWS(float, pixel), ROWS(float, colour), SPAN(float, opacity), SPAN(
             LANE(flight.attention, lane), LANE(flight.eye, lane));
         flying--;
       }
-      more = more && take(&flight, lane, &queue, &frame, &output, pixel_number, nearest, bits, counter);
+      more = more && take(&flight, lane, &queue, &frame, &output, &source);
       if (more)
         flying++;
       else
