@@ -13,6 +13,14 @@
 extern "C" {
 #endif
 
+/* ---- names ------------------------------------------------------------------------------------------------------- */
+
+/* What `url` names for the functions below, as a path: `url` itself, or what follows "file:"; NULL where it is an
+ * address "SCHEME://..." of http, https, rtmp, rtmps, rtmpt, rtmpts, rtp, rtsp, srt, tcp, tls, udp or icecast. They
+ * refuse names that begin with another of FFmpeg's protocols ("concat:"), or with an unknown scheme and "://"; "./"
+ * before the name of a file makes it one. Any thread. The result points into `url`. NULL for NULL. */
+ERN_API const char *ern_stream_file(const char *url);
+
 /* ---- sound in ---------------------------------------------------------------------------------------------------- */
 
 /* Plain data, may grow. */
@@ -39,17 +47,20 @@ static inline ern_sound_reader_options ern_sound_reader_options_default(void) {
 }
 
 /* Whether ern_sound_reader_open takes a url for a device, "DEVICE:NAME": it has a colon that is not its first
- * character, and no "/". To open a file with such a name, write "./" before the name. Any thread. false for NULL. */
+ * character, no "/", and does not begin with "file:". To open a file with such a name, write "./" before the name. Any
+ * thread. false for NULL. */
 ERN_API bool ern_sound_reader_is_device(const char *url);
 
 /* An input that is being read. One thread at a time uses a reader. */
 typedef struct ern_sound_reader ern_sound_reader;
 
-/* url: a file or FIFO by its name; "-", standard input; an address ("http://", "rtsp://", "udp://" ...); or
+/* url: a file or FIFO by its name; "-", standard input; an address ("http://", "rtsp://", "udp://" ...;
+ * ern_stream_file); or
  * "DEVICE:NAME", such as "alsa:hw:0" and "pulse:default", for which libavdevice is loaded. A playlist, or another file
  * that names files or addresses, is refused unless options.format names its format. options NULL: the defaults.
  * ERN_E_MISSING: no such file. ERN_E_IO: the system refused, or no server answers. ERN_E_FORMAT: there is no sound in
- * it, or it is a playlist. ERN_E_UNSUPPORTED: this system has no such format, decoder or device. ERN_E_CANCELLED:
+ * it, or it is a playlist. ERN_E_UNSUPPORTED: this system has no such format, decoder or device, or the url begins with
+ * a protocol that is neither "file:" nor of a network. ERN_E_CANCELLED:
  * `stop` ended the call. On success the caller owns *reader. */
 ERN_API ERN_NODISCARD ern_status ern_sound_reader_open(ern_context *context, const char *url,
                                                        const ern_sound_reader_options *options,
@@ -109,14 +120,14 @@ typedef struct ern_stream_writer ern_stream_writer;
  * - "-": standard output;
  * - the name of an existing FIFO or device;
  * - the name of a file: the file gets its name in ern_stream_writer_close (base.h, "How files are written");
- * - an address of a server to connect to, or to send to ("rtmp://", "udp://", "tcp://" ...);
+ * - an address of a server to connect to, or to send to ("rtmp://", "udp://", "tcp://" ...; ern_stream_file);
  * - "http://HOST:PORT/PATH": the writer is the server; the call waits for one receiver (reader in docs/live.md), such
  *   as a browser.
  *
  * A program that writes to pipes or addresses must ignore SIGPIPE: otherwise the signal ends it when the receiver
- * leaves. ERN_E_SHAPE: width or height is out of its range. ERN_E_UNSUPPORTED: no such format, or none follows from the
- * url. ERN_E_IO: the system or the server refused. ERN_E_CANCELLED: `stop` ended the call. On success the caller owns
- * *writer. */
+ * leaves. ERN_E_SHAPE: width or height is out of its range. ERN_E_UNSUPPORTED: no such format, none follows from the
+ * url, or it begins with a protocol that is neither "file:" nor of a network. ERN_E_IO: the system or the server
+ * refused. ERN_E_CANCELLED: `stop` ended the call. On success the caller owns *writer. */
 ERN_API ERN_NODISCARD ern_status ern_stream_writer_open(ern_context *context, const char *url,
                                                         const ern_stream_options *options, ern_stream_writer **writer);
 /* Writes the next picture and its sound. rgba: [height][width][4]; only "raw" keeps alpha. NULL repeats the picture

@@ -41,6 +41,10 @@ grep -q '"frames": 5,' short.json || fail "short.json: $(head -12 short.json)"
 # there already: refused; what is no sound: nothing is left
 live --audio clip/aud.wav -o live.mp4 2> err.txt && fail "live.mp4 was replaced"
 refused 1 1 "is there already"
+cp live.mp4 kept.mp4
+status=0; live --audio clip/aud.wav -o "file://$PWD/live.mp4" 2> err.txt || status=$?
+refused 1 $status "is there already"
+cmp live.mp4 kept.mp4 || fail "file:// replaced live.mp4"
 head -c 9000 /dev/urandom > noise.bin
 status=0; live --audio noise.bin -o noise.mp4 --as-fast 2> err.txt || status=$?
 refused 1 $status "noise.bin"

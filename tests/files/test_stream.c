@@ -327,6 +327,53 @@ static void test_rtsp_is_connected_to(void **state) {
   support_expect(context, ern_sound_reader_open(context, url, NULL, &reader), ERN_E_IO, url, "refused", NULL);
 }
 
+/* "file:" names a file like any other; FFmpeg's other protocols that lead to files are refused, nested ones too. */
+static void test_only_files_and_networks(void **state) {
+  (void)state;
+  static const char *const others[] = {"cache:other.ts",
+                                       "cache:file:other.ts",
+                                       "concat:other.ts|other.ts",
+                                       "crypto+file://other.ts",
+                                       "subfile,,start,0,:a.ts",
+                                       "tee:other.ts",
+                                       "pipe:1",
+                                       "data:audio/wav,other",
+                                       "async:http://127.0.0.1/",
+                                       "no-such://other.ts",
+                                       "unix:other.ts",
+                                       "http+file://other.ts"};
+  const ern_stream_options options = options_of_stream("mpegts");
+  ern_stream_writer *writer;
+  ern_sound_reader *reader;
+  uint8_t rgba[SIDE * SIDE * 4];
+  struct stat there;
+  char url[1100] = "file://", *here = getcwd(url + 7, 1000);
+  assert_non_null(here);
+  strcat(url, "/mine.ts");
+  support_write_text("mine.ts", "mine");
+  support_ok(context, ern_stream_writer_open(context, url, &options, &writer));
+  paint(rgba, 0);
+  support_ok(context, ern_stream_writer_frame(writer, rgba, NULL, 0));
+  assert_int_equal(stat("mine.ts", &there), 0);
+  assert_int_equal(there.st_size, 4); /* until it is whole */
+  support_ok(context, ern_stream_writer_close(&writer));
+  assert_int_equal(stat("mine.ts", &there), 0);
+  assert_true(there.st_size > 188);
+  support_write_text("other.ts", "mine");
+  for (size_t i = 0; i < sizeof others / sizeof *others; i++) {
+    support_expect(context, ern_stream_writer_open(context, others[i], &options, &writer), ERN_E_UNSUPPORTED, others[i],
+                   "expected a file", NULL);
+    support_expect(context, ern_sound_reader_open(context, others[i], NULL, &reader), ERN_E_UNSUPPORTED, others[i],
+                   "expected a file", NULL);
+  }
+  assert_int_equal(stat("other.ts", &there), 0);
+  assert_int_equal(there.st_size, 4);
+  support_ok(context, write_stream("./cache:other.ts", &options)); /* a file of that name */
+  assert_int_equal(access("cache:other.ts", F_OK), 0);
+  support_ok(context, ern_sound_reader_open(context, "file:./cache:other.ts", NULL, &reader));
+  ern_sound_reader_free(&reader);
+}
+
 /* ---- waits that end ---------------------------------------------------------------------------------------------- */
 
 static void test_waits_end_when_asked_to(void **state) {
@@ -455,7 +502,7 @@ int main(void) {
       cmocka_unit_test(test_sound_is_read_as_it_comes),    cmocka_unit_test(test_what_is_no_sound_is_refused),
       cmocka_unit_test(test_scheme_decides_before_ending), cmocka_unit_test(test_rtsp_is_connected_to),
       cmocka_unit_test(test_waits_end_when_asked_to),      cmocka_unit_test(test_a_browser_comes_and_leaves),
-      cmocka_unit_test(test_options_are_checked),
+      cmocka_unit_test(test_options_are_checked),          cmocka_unit_test(test_only_files_and_networks),
   };
   return cmocka_run_group_tests(tests, set_up, tear_down);
 }

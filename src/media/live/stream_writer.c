@@ -9,6 +9,7 @@
 #include "ernerf/stream.h"
 #include "io/file.h"
 #include "media/image.h"
+#include "media/live/address.h"
 #include "media/live/descriptor_io.h"
 #include "media/live/picture_track.h"
 #include "media/video/video_sound.h"
@@ -196,10 +197,6 @@ static ern_status write_head(ern_stream_writer *w) {
   return ERN_OK;
 }
 
-static enum target target_of(const char *url) {
-  return strstr(url, "://") != NULL ? TARGET_ADDRESS : ern_is_pipe(url) ? TARGET_PIPE : TARGET_FILE;
-}
-
 ern_status ern_stream_writer_open(ern_context *context, const char *url, const ern_stream_options *options,
                                   ern_stream_writer **writer) {
   ERN_PLAIN_FLOATS;
@@ -211,6 +208,7 @@ ern_status ern_stream_writer_open(ern_context *context, const char *url, const e
   ern_status status = ERN_OK;
   ern_stream_writer *made = NULL;
   ern_stream_options chosen = ern_stream_options_default(0, 0);
+  const char *path = NULL;
   ern_av_disable_log();
   ERN_TRY(ERN_COPY_IN_CONFIG(context, ern_stream_options, &chosen, options));
   ERN_TRY(check_options(context, url, &chosen));
@@ -218,9 +216,10 @@ ern_status ern_stream_writer_open(ern_context *context, const char *url, const e
   made->context = context;
   made->options = chosen;
   made->file.descriptor = -1;
-  made->target = target_of(url);
-  made->listens = strncmp(url, "http://", 7) == 0;
-  ERN_TRY(ern_string_copy(context, url, &made->url));
+  ERN_TRY(ern_address_parse(context, url, &path));
+  made->target = path == NULL ? TARGET_ADDRESS : ern_is_pipe(path) ? TARGET_PIPE : TARGET_FILE;
+  made->listens = path == NULL && strncmp(url, "http://", 7) == 0;
+  ERN_TRY(ern_string_copy(context, path != NULL ? path : url, &made->url));
   ERN_TRY(choose_form(made));
   ERN_TRY(open_tracks(made));
   ERN_TRY(ern_provenance_texts_make(context, chosen.provenance, &made->provenance));

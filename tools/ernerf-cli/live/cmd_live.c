@@ -253,20 +253,21 @@ static int open_live(struct live_job *job) {
   return ern_live_open(job->session.context, &options, &job->live) == ERN_OK ? 0 : session_fail(&job->session);
 }
 
-/* A file to be created or replaced, not a pipe or device, which is written to directly. */
-static bool is_file(const char *url) {
+/* The path of a file that `url` names, which is created or replaced; NULL: an address, a pipe or a device, which is
+ * written to directly. */
+static const char *file_of(const char *url) {
+  const char *path = url != NULL ? ern_stream_file(url) : NULL;
   struct stat there;
-  if (strcmp(url, "-") == 0 || strstr(url, "://") != NULL) return false;
-  return stat(url, &there) != 0 || S_ISREG(there.st_mode) || S_ISDIR(there.st_mode);
+  if (path == NULL || strcmp(path, "-") == 0) return NULL;
+  return stat(path, &there) != 0 || S_ISREG(there.st_mode) || S_ISDIR(there.st_mode) ? path : NULL;
 }
 
 static int open_all(struct live_job *job, const struct args *args) {
   struct session *session = &job->session;
+  const char *file = file_of(job->output.url);
   int status = 0;
-  if (is_file(job->output.url) && !session_folder_there(job->output.url))
-    return session_fail_with(session, "%s: its folder is not there", job->output.url);
-  if (is_file(job->output.url)) status = session_check_output(session, job->output.url);
-  if (status == 0 && is_file(job->output.url)) status = provenance_check(&job->provenance, session, job->output.url);
+  if (file != NULL) status = session_check_output(session, file);
+  if (status == 0 && file != NULL) status = provenance_check(&job->provenance, session, file);
   job->portrait.source.memory = 1;
   job->portrait.render.frame_rate = (float)rate_value(job->rate);
   if (status == 0) status = open_portrait(job, args);
@@ -316,7 +317,7 @@ static int finish(struct live_job *job, int status) {
   if (status != 0) return live_output_fail(&job->output);
   live_sound_stop(&job->sound);
   live_control_stop(&job->commands);
-  const int closed = live_output_close(&job->output, stopped && !is_file(job->output.url));
+  const int closed = live_output_close(&job->output, stopped && file_of(job->output.url) == NULL);
   if (closed != 0 || provenance_write(&job->provenance, session, about_output(job)) != 0) return EXIT_FAILURE;
   const unsigned long long written = atomic_load(&job->output.written);
   session_note(session, "live: %llu frames written, %llu repeated, %llu left out: %s", written,
@@ -396,9 +397,8 @@ int cmd_live(int argc, char **argv) {
   args_unlist(&args, "split frames eye smooth_lips speech-model speech-preset");
   int status = args_parse(&args, argc, argv);
   if (status < 0) status = check_usage(job, &args, slow_reader);
-  const char *const inputs[SESSION_INPUTS] = {
-      job->portrait.model_path, job->portrait.source.path, job->background_file, job->rate_control.front,
-      job->sound.url != NULL && is_file(job->sound.url) ? job->sound.url : NULL};
+  const char *const inputs[SESSION_INPUTS] = {job->portrait.model_path, job->portrait.source.path, job->background_file,
+                                              job->rate_control.front, file_of(job->sound.url)};
   memcpy(job->session.inputs, inputs, sizeof inputs);
   if (job->sound.url == NULL) job->sound.keeps_running = true;
   if (status < 0) status = session_open(&job->session, &args);

@@ -161,7 +161,8 @@ int live_sound_start(struct live_sound *sound, struct session *session, ern_live
 void live_sound_await(const struct live_sound *sound, unsigned long long samples) {
   const struct timespec pause = {0, 2000000};
   struct stat there;
-  if (sound->url == NULL || stat(sound->url, &there) != 0 || !S_ISREG(there.st_mode)) return;
+  const char *file = ern_stream_file(sound->url);
+  if (file == NULL || stat(file, &there) != 0 || !S_ISREG(there.st_mode)) return;
   while (atomic_load(&sound->samples_pushed) < samples && !atomic_load(&sound->input_ended) && !session_interrupted())
     (void)nanosleep(&pause, NULL);
 }
