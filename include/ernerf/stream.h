@@ -119,7 +119,8 @@ typedef struct ern_stream_writer ern_stream_writer;
 /* url: one of
  * - "-": standard output;
  * - the name of an existing FIFO or device;
- * - the name of a file: the file gets its name in ern_stream_writer_close (base.h, "How files are written");
+ * - the name of a file: the file gets its name in ern_stream_writer_close (base.h, "How files are written"); mp4 is
+ *   written in fragments of a second;
  * - an address of a server to connect to, or to send to ("rtmp://", "udp://", "tcp://" ...; ern_stream_file);
  * - "http://HOST:PORT/PATH": the writer is the server; the call waits for one receiver (reader in docs/live.md), such
  *   as a browser.
@@ -134,11 +135,15 @@ ERN_API ERN_NODISCARD ern_status ern_stream_writer_open(ern_context *context, co
  * before; as the first picture it is black ("raw": zeros). samples: [frames][sound_channels], a frame being one sample
  * of each channel here; full scale is 1; may be NULL where frames is 0; ignored where the stream has no sound.
  * ERN_E_IO: the receiver has left, or the disk is full. ERN_E_CANCELLED: `stop` ended the call. After an error other
- * than ERN_E_ARGUMENT every later call fails with the same status, ern_stream_writer_close too. */
+ * than ERN_E_ARGUMENT every later call fails with the same status, ern_stream_writer_close too; that one keeps what a
+ * file has. */
 ERN_API ERN_NODISCARD ern_status ern_stream_writer_frame(ern_stream_writer *writer, const uint8_t *rgba,
                                                          const float *samples, size_t frames);
 /* Writes what the encoders still hold and the end of the container, closes the output, and frees the writer, also on
- * failure. A file without a picture is not made, and the call is ERN_E_STATE; "raw" makes an empty file. */
+ * failure. A file without a picture is not made, and the call is ERN_E_STATE; "raw" makes an empty file. A file that
+ * could not be written to its end, as the disk was full, is put in place up to its last whole packet, where there is
+ * one, and the error says that it is cut; every format plays up to there. So does the temporary file that a killed
+ * process leaves, of which mp4 and matroska lack the last second at most. */
 ERN_API ERN_NODISCARD ern_status ern_stream_writer_close(ern_stream_writer **writer);
 /* Frees the writer without an end of the stream, and removes the temporary file; accepts NULL and a pointer to NULL. */
 ERN_API void ern_stream_writer_abandon(ern_stream_writer **writer);

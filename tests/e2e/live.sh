@@ -95,6 +95,11 @@ status=0; wait $program || status=$?
 refused 143 $status "had a reader"
 status=0; live --audio clip/aud.wav -o /dev/full --format raw 2> err.txt || status=$?
 refused 1 $status "No space left"
+# a full disk keeps the recording up to there, says so, and says beside it what it is
+status=0; (ulimit -f 32; live --audio clip/aud.wav -o full.ts --crf 0 --as-fast --size 256x256 2> err.txt) || status=$?
+refused 1 $status "full.ts" "it is cut"
+[ "$(stat -c %s full.ts)" -gt 10000 ] || fail "full.ts has $(stat -c %s full.ts) bytes"
+grep -q '"cut": true' full.ts.provenance.json || fail "full.ts.provenance.json: $(cat full.ts.provenance.json)"
 
 # a microphone that began before the program: what waits longer than --max-delay is left out. `stop` leaves out what waits of --audio,
 # 2 s, and the rest is said

@@ -2,6 +2,7 @@
  * Writes streams of pictures and sound to files, pipes and URLs. */
 #include <stdio.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "core/floats.h"
 #include "core/memory.h"
@@ -16,10 +17,12 @@
 
 enum {
   MAX_RATE_PART = 1000000,
-  FRAGMENT = 80000 /* microseconds of an mp4 fragment */
+  FRAGMENT = 80000,       /* microseconds of an mp4 fragment of a stream */
+  FILE_FRAGMENT = 1000000 /* the same of a file: what a killed process loses */
 };
 
-/* muxer NULL: no container. endings: file extensions and URL schemes that select the format. */
+/* Each form plays up to where it is cut. muxer NULL: no container. endings: file extensions and URL schemes that select
+ * the format. */
 static const struct form {
   const char *name, *muxer, *endings[4];
   enum ern_picture_coding coding;
@@ -50,8 +53,9 @@ struct ern_stream_writer {
   struct ern_sound_track sound;
   uint8_t *last; /* for "raw": the last picture */
   struct ern_provenance_texts provenance;
+  int64_t head, whole; /* bytes of a file: of its header; up to the end of its last whole packet */
   ern_status broken;
-  bool begun; /* the header is written */
+  char reason[ERN_ERROR_BYTES]; /* the text of `broken` */
 };
 
 /* ---- what is asked for ------------------------------------------------------------------------------------------- */
@@ -170,31 +174,47 @@ static ern_status open_target(ern_stream_writer *w) {
 
 static AVIOContext *io_of(const ern_stream_writer *w) { return w->target == TARGET_PIPE ? w->pipe.io : w->io; }
 
-/* Writes the container's header. A live stream is flushed after each picture; an mp4 on an output without seeking is
- * fragmented. */
+/* Hands all bytes to the output. Those of a file are then whole packets. */
+static ern_status flush(ern_stream_writer *w) {
+  AVIOContext *io = io_of(w);
+  avio_flush(io);
+  if (io->error < 0) return ern_av_fail(w->context, ERN_E_IO, w->url, "write", io->error);
+  w->whole = avio_tell(io);
+  return ERN_OK;
+}
+
+static int set_head_options(const ern_stream_writer *w, AVDictionary **options) {
+  const bool file = w->target == TARGET_FILE;
+  const char *muxer = w->form->muxer;
+  int error = 0;
+  if (strcmp(muxer, "mp4") == 0) {
+    error = av_dict_set(options, "movflags", "+empty_moov+delay_moov+default_base_moof+use_metadata_tags", 0);
+    if (error >= 0) error = av_dict_set_int(options, "frag_duration", file ? FILE_FRAGMENT : FRAGMENT, 0);
+  }
+  if (!file && strcmp(muxer, "flv") == 0) error = av_dict_set(options, "flvflags", "no_duration_filesize", 0);
+  if (strcmp(muxer, "matroska") == 0) /* of a file: milliseconds of a cluster */
+    error = file ? av_dict_set_int(options, "cluster_time_limit", FILE_FRAGMENT / 1000, 0)
+                 : av_dict_set(options, "live", "1", 0);
+  return error;
+}
+
+/* Writes the container's header. All is flushed after each packet, so that a killed process leaves what plays. */
 static ern_status write_head(ern_stream_writer *w) {
   AVFormatContext *container = w->muxer.container;
   AVDictionary *options = NULL;
   if (container == NULL) return ERN_OK;
   container->pb = io_of(w);
-  const bool file = w->target == TARGET_FILE;
-  const char *flags =
-      file ? "+faststart+use_metadata_tags" : "+empty_moov+delay_moov+default_base_moof+use_metadata_tags";
-  if (!file) container->flags |= AVFMT_FLAG_FLUSH_PACKETS;
-  if (!file) container->max_interleave_delta = AV_TIME_BASE / 5;
+  container->flags |= AVFMT_FLAG_FLUSH_PACKETS;
+  if (w->target != TARGET_FILE) container->max_interleave_delta = AV_TIME_BASE / 5;
   container->max_delay = 0;
-  int error = strcmp(w->form->muxer, "mp4") == 0 ? av_dict_set(&options, "movflags", flags, 0) : 0;
-  if (error >= 0 && !file && strcmp(w->form->muxer, "mp4") == 0)
-    error = av_dict_set_int(&options, "frag_duration", FRAGMENT, 0);
-  if (error >= 0 && !file && strcmp(w->form->muxer, "flv") == 0)
-    error = av_dict_set(&options, "flvflags", "no_duration_filesize", 0);
-  if (error >= 0 && !file && strcmp(w->form->muxer, "matroska") == 0) error = av_dict_set(&options, "live", "1", 0);
+  int error = set_head_options(w, &options);
   if (error >= 0) error = avformat_write_header(container, &options);
   if (error >= 0) error = container->pb->error;
   av_dict_free(&options);
   if (error < 0) return ern_av_fail(w->context, ERN_E_IO, w->url, "write the head of the stream", error);
-  w->begun = true;
-  return ERN_OK;
+  const ern_status status = flush(w);
+  w->head = w->whole;
+  return status;
 }
 
 ern_status ern_stream_writer_open(ern_context *context, const char *url, const ern_stream_options *options,
@@ -240,8 +260,7 @@ static ern_status write_raw(ern_stream_writer *w, const uint8_t *rgba) {
   AVIOContext *io = io_of(w);
   if (rgba != NULL) memcpy(w->last, rgba, bytes);
   avio_write(io, w->last, (int)bytes);
-  if (w->target != TARGET_FILE) avio_flush(io);
-  return io->error >= 0 ? ERN_OK : ern_av_fail(w->context, ERN_E_IO, w->url, "write", io->error);
+  return flush(w);
 }
 
 static ern_status write_frame(ern_stream_writer *w, const uint8_t *rgba, const float *samples, size_t frames) {
@@ -249,6 +268,7 @@ static ern_status write_frame(ern_stream_writer *w, const uint8_t *rgba, const f
   if (w->form->muxer == NULL) return write_raw(w, rgba);
   if (w->sound.codec != NULL && frames > 0) ERN_TRY(ern_sound_track_add(&w->muxer, &w->sound, samples, frames));
   ERN_TRY(ern_picture_track_add(&w->muxer, &w->pictures, rgba));
+  ERN_TRY(flush(w));
 fail:
   return status;
 }
@@ -261,21 +281,21 @@ ern_status ern_stream_writer_frame(ern_stream_writer *writer, const uint8_t *rgb
   if (writer->broken != ERN_OK)
     return ern_fail(writer->context, writer->broken, "%s: an earlier call failed, nothing more can be written",
                     writer->url);
-  return writer->broken = or_stopped(writer, write_frame(writer, rgba, samples, frames));
+  writer->broken = or_stopped(writer, write_frame(writer, rgba, samples, frames));
+  if (writer->broken != ERN_OK) (void)ern_last_error_copy(writer->context, writer->reason, sizeof writer->reason);
+  return writer->broken;
 }
 
 /* Flushes the encoders, writes the trailer, closes the file. */
 static ern_status finish(ern_stream_writer *w) {
   AVFormatContext *container = w->muxer.container;
   ern_status status = ERN_OK;
-  if (w->broken != ERN_OK)
-    ERN_TRY(ern_fail(w->context, w->broken, "%s: an earlier call failed, the stream is not complete", w->url));
+  if (w->broken != ERN_OK) return ern_fail(w->context, w->broken, "%s", w->reason);
   if (container != NULL) {
     if (w->target == TARGET_FILE && w->pictures.count == 0)
       ERN_TRY(ern_fail(w->context, ERN_E_STATE, "%s: not made, for it has 0 frames, expected 1 or more", w->url));
     if (w->sound.codec != NULL) ERN_TRY(ern_sound_track_add(&w->muxer, &w->sound, NULL, 0));
     ERN_TRY(ern_muxer_encode(&w->muxer, w->pictures.codec, w->pictures.stream, NULL));
-    w->begun = false;
     const bool boxed = w->target == TARGET_FILE && strcmp(w->form->muxer, "mp4") == 0;
     ERN_TRY(ern_muxer_end(&w->muxer, boxed ? w->provenance.xmp : NULL));
   }
@@ -289,11 +309,26 @@ fail:
   return or_stopped(w, status);
 }
 
+/* Puts a file in place that could not be written to its end: cut after its last whole packet. */
+static ern_status keep_cut(ern_stream_writer *w, ern_status why) {
+  ern_status status = ERN_OK;
+  (void)ern_last_error_copy(w->context, w->reason, sizeof w->reason);
+  if (w->io != NULL) (void)avio_closep(&w->io);
+  if (ftruncate(w->file.descriptor, w->whole) != 0) ERN_TRY(ern_file_fail(w->context, w->url, "cut"));
+  ERN_TRY(ern_file_writer_commit(&w->file));
+  return ern_fail(w->context, why, "%s; the file is kept up to there: it is cut", w->reason);
+fail:
+  return status;
+}
+
 ern_status ern_stream_writer_close(ern_stream_writer **writer) {
   ERN_PLAIN_FLOATS;
   ERN_NEED(NULL, writer);
   ERN_NEED(NULL, *writer);
-  const ern_status status = finish(*writer);
+  ern_status status = finish(*writer);
+  const bool fails = status != ERN_OK && status != ERN_E_CANCELLED;
+  if (fails && (*writer)->file.temporary != NULL && (*writer)->whole > (*writer)->head)
+    status = keep_cut(*writer, status);
   ern_stream_writer_abandon(writer);
   return status;
 }

@@ -300,11 +300,12 @@ static json_t *about_output(const struct live_job *job) {
   const char *slash = strrchr(job->output.url, '/');
   char rate[RATE_TEXT_BYTES];
   rate_words(job->rate, rate);
-  return json_pack("{s:o, s:I, s:I, s:s, s:i, s:i, s:b, s:o}", "output",
+  return json_pack("{s:o, s:I, s:I, s:s, s:i, s:i, s:b, s:o, s:o*}", "output",
                    session_text(slash != NULL ? slash + 1 : job->output.url), "frames",
                    (json_int_t)atomic_load(&job->output.written), "drawn", (json_int_t)job->drawn, "rate", rate,
                    "width", job->size.width, "height", job->size.height, "sound", true, "rate_control",
-                   job->unpaced ? json_null() : rate_control_json(&job->rate_control));
+                   job->unpaced ? json_null() : rate_control_json(&job->rate_control), "cut",
+                   job->output.kept ? json_true() : NULL);
 }
 
 static int finish(struct live_job *job, int status) {
@@ -314,11 +315,16 @@ static int finish(struct live_job *job, int status) {
   if (error != NULL && mute && job->frames == 0) status = session_fail_with(session, "%s", error);
   if (error != NULL && status == 0) session_warn(session, "%s", error);
   free(error);
-  if (status != 0) return live_output_fail(&job->output);
+  if (status != 0) {
+    status = live_output_fail(&job->output);
+    if (job->output.kept) (void)provenance_write(&job->provenance, session, about_output(job));
+    return status;
+  }
   live_sound_stop(&job->sound);
   live_control_stop(&job->commands);
   const int closed = live_output_close(&job->output, stopped && file_of(job->output.url) == NULL);
-  if (closed != 0 || provenance_write(&job->provenance, session, about_output(job)) != 0) return EXIT_FAILURE;
+  if (closed != 0 && !job->output.kept) return EXIT_FAILURE;
+  if (provenance_write(&job->provenance, session, about_output(job)) != 0 || closed != 0) return EXIT_FAILURE;
   const unsigned long long written = atomic_load(&job->output.written);
   session_note(session, "live: %llu frames written, %llu repeated, %llu left out: %s", written,
                (unsigned long long)job->repeated, atomic_load(&job->output.left_out), job->output.url);
