@@ -123,12 +123,14 @@ typedef struct ern_stream_writer ern_stream_writer;
  *   written in fragments of a second;
  * - an address of a server to connect to, or to send to ("rtmp://", "udp://", "tcp://" ...; ern_stream_file);
  * - "http://HOST:PORT/PATH": the writer is the server; the call waits for one receiver (reader in docs/live.md), such
- *   as a browser.
+ *   as a browser. It admits a GET request whose Host is an IP address, "localhost" or HOST and whose Origin is that or
+ *   absent, so that no page of another site reads the stream; a receiver that takes nothing for 30 s has left.
  *
  * A program that writes to pipes or addresses must ignore SIGPIPE: otherwise the signal ends it when the receiver
  * leaves. ERN_E_SHAPE: width or height is out of its range. ERN_E_UNSUPPORTED: no such format, none follows from the
  * url, or it begins with a protocol that is neither "file:" nor of a network. ERN_E_IO: the system or the server
- * refused. ERN_E_CANCELLED: `stop` ended the call. On success the caller owns *writer. */
+ * refused. ERN_E_BUSY: nobody can listen at HOST:PORT. ERN_E_ARGUMENT: "http://" without them. ERN_E_CANCELLED: `stop`
+ * ended the call. On success the caller owns *writer. */
 ERN_API ERN_NODISCARD ern_status ern_stream_writer_open(ern_context *context, const char *url,
                                                         const ern_stream_options *options, ern_stream_writer **writer);
 /* Writes the next picture and its sound. rgba: [height][width][4]; only "raw" keeps alpha. NULL repeats the picture

@@ -12,6 +12,7 @@
 #include "media/image.h"
 #include "media/live/address.h"
 #include "media/live/descriptor_io.h"
+#include "media/live/http_listener.h"
 #include "media/live/picture_track.h"
 #include "media/video/video_sound.h"
 
@@ -36,14 +37,13 @@ static const struct form {
              {"raw", NULL, {".rgba", NULL}, ERN_PICTURES_RAW, AV_CODEC_ID_NONE}};
 enum { FORMS = sizeof forms / sizeof *forms };
 
-enum target { TARGET_FILE, TARGET_PIPE, TARGET_ADDRESS };
+enum target { TARGET_FILE, TARGET_PIPE, TARGET_ADDRESS, TARGET_VIEWER /* of this program as an HTTP server */ };
 
 struct ern_stream_writer {
   ern_context *context;
   ern_stream_options options;
   const struct form *form;
   enum target target;
-  bool listens; /* HTTP */
   char *url;
   struct ern_file_writer file;
   struct ern_descriptor_io pipe;
@@ -153,15 +153,10 @@ fail:
 static ern_status open_address(ern_stream_writer *w) {
   const AVIOInterruptCB interrupt = {w->options.stop, w->options.user};
   AVDictionary *options = NULL;
-  int error = 0;
-  if (w->listens) error = av_dict_set(&options, "listen", "1", 0);
-  if (error >= 0 && w->listens)
-    error = av_dict_set(&options, "content_type", w->form->muxer == forms[0].muxer ? "video/mp4" : "video/unknown", 0);
-  if (error >= 0 && strncmp(w->url, "udp://", 6) == 0) error = av_dict_set(&options, "pkt_size", "1316", 0);
+  int error = strncmp(w->url, "udp://", 6) == 0 ? av_dict_set(&options, "pkt_size", "1316", 0) : 0;
   if (error >= 0) error = avio_open2(&w->io, w->url, AVIO_FLAG_WRITE, &interrupt, &options);
   av_dict_free(&options);
-  return error >= 0 ? ERN_OK
-                    : ern_av_fail(w->context, ERN_E_IO, w->url, w->listens ? "serve a reader" : "write to it", error);
+  return error >= 0 ? ERN_OK : ern_av_fail(w->context, ERN_E_IO, w->url, "write to it", error);
 }
 
 static ern_status open_target(ern_stream_writer *w) {
@@ -169,10 +164,11 @@ static ern_status open_target(ern_stream_writer *w) {
   if (w->target == TARGET_ADDRESS) return open_address(w);
   w->pipe.stop = w->options.stop;
   w->pipe.user = w->options.user;
-  return ern_descriptor_io_open(w->context, w->url, true, &w->pipe);
+  if (w->target == TARGET_PIPE) return ern_descriptor_io_open(w->context, w->url, true, &w->pipe);
+  return ern_http_serve(w->context, w->url, w->form == &forms[0] ? "video/mp4" : "video/unknown", &w->pipe);
 }
 
-static AVIOContext *io_of(const ern_stream_writer *w) { return w->target == TARGET_PIPE ? w->pipe.io : w->io; }
+static AVIOContext *io_of(const ern_stream_writer *w) { return w->pipe.io != NULL ? w->pipe.io : w->io; }
 
 /* Hands all bytes to the output. Those of a file are then whole packets. */
 static ern_status flush(ern_stream_writer *w) {
@@ -237,8 +233,10 @@ ern_status ern_stream_writer_open(ern_context *context, const char *url, const e
   made->options = chosen;
   made->file.descriptor = -1;
   ERN_TRY(ern_address_parse(context, url, &path));
-  made->target = path == NULL ? TARGET_ADDRESS : ern_is_pipe(path) ? TARGET_PIPE : TARGET_FILE;
-  made->listens = path == NULL && strncmp(url, "http://", 7) == 0;
+  made->target = strncmp(url, "http://", 7) == 0 ? TARGET_VIEWER
+                 : path == NULL                  ? TARGET_ADDRESS
+                 : ern_is_pipe(path)             ? TARGET_PIPE
+                                                 : TARGET_FILE;
   ERN_TRY(ern_string_copy(context, path != NULL ? path : url, &made->url));
   ERN_TRY(choose_form(made));
   ERN_TRY(open_tracks(made));
