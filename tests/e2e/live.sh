@@ -127,10 +127,12 @@ for _ in 1 2; do
   grep -qa "Content-Type: video/mp4" http.bin || fail "http: $(head -c 300 http.bin)"
   grep -qa moof http.bin || fail "http: no piece of an mp4"
 done
-printf 'eyes 2\nhold on\nbackground white\nplay clip/aud.wav\nstop\nstatistics\nnonsense\nquit\n' >&8
+printf 'eyes 2\nhold on\nbackground white\nplay clip/aud.wav\nplay gone.wav\nstop\nstatistics\nnonsense\nquit\n' >&8
 status=0; wait $program || status=$?
-refused 0 $status "error: eyes" "^ok$" '"readers":2' "\"nonsense\" is not known"
+refused 0 $status "error: eyes" "error: play: gone.wav: No such file" "^ok$" '"readers":2' "\"nonsense\" is not known"
 [ "$(grep -c '^ok$' err.txt)" = 5 ] || fail "answers: $(cat err.txt)"
+{ echo "say hello"; sleep 1; echo quit; } | TMPDIR=$PWD/gone live --control - -o said.rgba 2> err.txt
+grep -q "gone/ernerf-say-.*TMPDIR.*No such file" err.txt || fail "say without a TMPDIR: $(cat err.txt)"
 echo mine > mine.sock
 status=0; live --control mine.sock -o x.mp4 2> err.txt || status=$?
 refused 1 $status "is no socket"

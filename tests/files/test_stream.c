@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * Streams: exact times in every form, sound as it comes, names of files and addresses, and waits that end when asked to. */
+ * Streams: exact times in every form, sound as it comes, names of files and addresses, and waits that end when asked
+ * to. */
 #include <arpa/inet.h>
 #include <fcntl.h>
 #include <netinet/in.h>
