@@ -330,6 +330,10 @@ typedef struct ern_clip_frame {
  * meanwhile, and the copies of a dataset that was made before it are freed. */
 typedef struct ern_clip ern_clip;
 
+/* The name of file or folder number `index`, from 0, of those that make a clip: nothing else of a clip's folder is
+ * opened, and not every clip has all of them. NULL after the last one. Any thread. */
+ERN_API const char *ern_clip_content(size_t index);
+
 /* Opens a folder and reads all but the frames' pixels. The first thing that is wrong is the error;
  * ERN_E_STATE where the clip is of ern_prepare() and a step is not done or was refused.
  * On success the caller owns *clip. */

@@ -13,6 +13,14 @@
 extern "C" {
 #endif
 
+/* ---- names ------------------------------------------------------------------------------------------------------- */
+
+/* What `url` names for the functions below, as a path: `url` itself, or what follows "file:"; NULL where it is an
+ * address "SCHEME://..." of http, https, rtmp, rtmps, rtmpt, rtmpts, rtp, rtsp, srt, tcp, tls, udp or icecast. They
+ * refuse names that begin with another of FFmpeg's protocols ("concat:"), or with an unknown scheme and "://"; "./"
+ * before the name of a file makes it one. Any thread. The result points into `url`. NULL for NULL. */
+ERN_API const char *ern_stream_file(const char *url);
+
 /* ---- sound in ---------------------------------------------------------------------------------------------------- */
 
 /* Plain data, may grow. */
@@ -39,17 +47,20 @@ static inline ern_sound_reader_options ern_sound_reader_options_default(void) {
 }
 
 /* Whether ern_sound_reader_open takes a url for a device, "DEVICE:NAME": it has a colon that is not its first
- * character, and no "/". To open a file with such a name, write "./" before the name. Any thread. false for NULL. */
+ * character, no "/", and does not begin with "file:". To open a file with such a name, write "./" before the name. Any
+ * thread. false for NULL. */
 ERN_API bool ern_sound_reader_is_device(const char *url);
 
 /* An input that is being read. One thread at a time uses a reader. */
 typedef struct ern_sound_reader ern_sound_reader;
 
-/* url: a file or FIFO by its name; "-", standard input; an address ("http://", "rtsp://", "udp://" ...); or
+/* url: a file or FIFO by its name; "-", standard input; an address ("http://", "rtsp://", "udp://" ...;
+ * ern_stream_file); or
  * "DEVICE:NAME", such as "alsa:hw:0" and "pulse:default", for which libavdevice is loaded. A playlist, or another file
  * that names files or addresses, is refused unless options.format names its format. options NULL: the defaults.
  * ERN_E_MISSING: no such file. ERN_E_IO: the system refused, or no server answers. ERN_E_FORMAT: there is no sound in
- * it, or it is a playlist. ERN_E_UNSUPPORTED: this system has no such format, decoder or device. ERN_E_CANCELLED:
+ * it, or it is a playlist. ERN_E_UNSUPPORTED: this system has no such format, decoder or device, or the url begins with
+ * a protocol that is neither "file:" nor of a network. ERN_E_CANCELLED:
  * `stop` ended the call. On success the caller owns *reader. */
 ERN_API ERN_NODISCARD ern_status ern_sound_reader_open(ern_context *context, const char *url,
                                                        const ern_sound_reader_options *options,
@@ -108,26 +119,33 @@ typedef struct ern_stream_writer ern_stream_writer;
 /* url: one of
  * - "-": standard output;
  * - the name of an existing FIFO or device;
- * - the name of a file: the file gets its name in ern_stream_writer_close (base.h, "How files are written");
- * - an address of a server to connect to, or to send to ("rtmp://", "udp://", "tcp://" ...);
+ * - the name of a file: the file gets its name in ern_stream_writer_close (base.h, "How files are written"); mp4 is
+ *   written in fragments of a second;
+ * - an address of a server to connect to, or to send to ("rtmp://", "udp://", "tcp://" ...; ern_stream_file);
  * - "http://HOST:PORT/PATH": the writer is the server; the call waits for one receiver (reader in docs/live.md), such
- *   as a browser.
+ *   as a browser. It admits a GET request whose Host is an IP address, "localhost" or HOST and whose Origin is that or
+ *   absent, so that no page of another site reads the stream; a receiver that takes nothing for 30 s has left.
  *
  * A program that writes to pipes or addresses must ignore SIGPIPE: otherwise the signal ends it when the receiver
- * leaves. ERN_E_SHAPE: width or height is out of its range. ERN_E_UNSUPPORTED: no such format, or none follows from the
- * url. ERN_E_IO: the system or the server refused. ERN_E_CANCELLED: `stop` ended the call. On success the caller owns
- * *writer. */
+ * leaves. ERN_E_SHAPE: width or height is out of its range. ERN_E_UNSUPPORTED: no such format, none follows from the
+ * url, or it begins with a protocol that is neither "file:" nor of a network. ERN_E_IO: the system or the server
+ * refused. ERN_E_BUSY: nobody can listen at HOST:PORT. ERN_E_ARGUMENT: "http://" without them. ERN_E_CANCELLED: `stop`
+ * ended the call. On success the caller owns *writer. */
 ERN_API ERN_NODISCARD ern_status ern_stream_writer_open(ern_context *context, const char *url,
                                                         const ern_stream_options *options, ern_stream_writer **writer);
 /* Writes the next picture and its sound. rgba: [height][width][4]; only "raw" keeps alpha. NULL repeats the picture
  * before; as the first picture it is black ("raw": zeros). samples: [frames][sound_channels], a frame being one sample
  * of each channel here; full scale is 1; may be NULL where frames is 0; ignored where the stream has no sound.
  * ERN_E_IO: the receiver has left, or the disk is full. ERN_E_CANCELLED: `stop` ended the call. After an error other
- * than ERN_E_ARGUMENT every later call fails with the same status, ern_stream_writer_close too. */
+ * than ERN_E_ARGUMENT every later call fails with the same status, ern_stream_writer_close too; that one keeps what a
+ * file has. */
 ERN_API ERN_NODISCARD ern_status ern_stream_writer_frame(ern_stream_writer *writer, const uint8_t *rgba,
                                                          const float *samples, size_t frames);
 /* Writes what the encoders still hold and the end of the container, closes the output, and frees the writer, also on
- * failure. A file without a picture is not made, and the call is ERN_E_STATE; "raw" makes an empty file. */
+ * failure. A file without a picture is not made, and the call is ERN_E_STATE; "raw" makes an empty file. A file that
+ * could not be written to its end, as the disk was full, is put in place up to its last whole packet, where there is
+ * one, and the error says that it is cut; every format plays up to there. So does the temporary file that a killed
+ * process leaves, of which mp4 and matroska lack the last second at most. */
 ERN_API ERN_NODISCARD ern_status ern_stream_writer_close(ern_stream_writer **writer);
 /* Frees the writer without an end of the stream, and removes the temporary file; accepts NULL and a pointer to NULL. */
 ERN_API void ern_stream_writer_abandon(ern_stream_writer **writer);

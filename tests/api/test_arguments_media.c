@@ -363,6 +363,12 @@ static void say_line(void *user, int ok, const char *sentence) { (void)user, (vo
 
 CHECK(ern_clip_options_default) { assert_int_not_equal(ern_clip_options_default().cookie, 0); }
 CHECK(ern_clip_options_fill) { FILLS(ern_clip_options, ern_clip_options_fill); }
+CHECK(ern_clip_content) {
+  size_t count = 0;
+  while (ern_clip_content(count) != NULL) count++;
+  assert_int_equal(count, 15);
+  assert_null(ern_clip_content(SIZE_MAX));
+}
 CHECK(ern_clip_open) {
   ern_clip *clip = w.clip;
   REFUSED_ALONE(ern_clip_open(NULL, junk, NULL, &clip));
@@ -525,6 +531,7 @@ static const struct arguments_check table[] = {ROW(ern_provenance_default),
                                                ROW(ern_watermark_detector_search),
                                                ROW(ern_watermark_detector_free),
                                                ROW(ern_clip_options_default),
+                                               ROW(ern_clip_content),
                                                ROW(ern_clip_open),
                                                ROW(ern_clip_free),
                                                ROW(ern_clip_describe),

@@ -12,6 +12,12 @@ static struct {
 
 static const char junk[] = "nowhere/at-all.ts";
 
+CHECK(ern_stream_file) {
+  assert_null(ern_stream_file(NULL));
+  assert_null(ern_stream_file("udp://127.0.0.1:5000"));
+  assert_string_equal(ern_stream_file("file:///a/b.mp4"), "///a/b.mp4");
+  assert_string_equal(ern_stream_file("a://b.mp4"), "a://b.mp4"); /* refused where it is opened */
+}
 CHECK(ern_sound_reader_options_fill) { ern_sound_reader_options_fill(NULL, sizeof(ern_sound_reader_options)); }
 CHECK(ern_sound_reader_options_default) { assert_int_equal(ern_sound_reader_options_default().rate, 48000); }
 CHECK(ern_sound_reader_is_device) {
@@ -19,6 +25,7 @@ CHECK(ern_sound_reader_is_device) {
   assert_true(ern_sound_reader_is_device("pulse:default"));
   assert_false(ern_sound_reader_is_device("udp://127.0.0.1:5000"));
   assert_false(ern_sound_reader_is_device("a/b:c.wav"));
+  assert_false(ern_sound_reader_is_device("file:c.wav"));
 }
 CHECK(ern_sound_reader_open) {
   ern_sound_reader *reader = (ern_sound_reader *)(void *)&w;
@@ -89,13 +96,19 @@ CHECK(ern_stream_writer_abandon) {
   ern_stream_writer_abandon(&none);
 }
 
-static const struct arguments_check table[] = {
-    ROW(ern_sound_reader_options_fill), ROW(ern_sound_reader_options_default),
-    ROW(ern_sound_reader_is_device),    ROW(ern_sound_reader_open),
-    ROW(ern_sound_reader_free),         ROW(ern_sound_reader_read),
-    ROW(ern_stream_options_fill),       ROW(ern_stream_options_default),
-    ROW(ern_stream_writer_open),        ROW(ern_stream_writer_frame),
-    ROW(ern_stream_writer_close),       ROW(ern_stream_writer_abandon)};
+static const struct arguments_check table[] = {ROW(ern_sound_reader_options_fill),
+                                               ROW(ern_sound_reader_options_default),
+                                               ROW(ern_stream_file),
+                                               ROW(ern_sound_reader_is_device),
+                                               ROW(ern_sound_reader_open),
+                                               ROW(ern_sound_reader_free),
+                                               ROW(ern_sound_reader_read),
+                                               ROW(ern_stream_options_fill),
+                                               ROW(ern_stream_options_default),
+                                               ROW(ern_stream_writer_open),
+                                               ROW(ern_stream_writer_frame),
+                                               ROW(ern_stream_writer_close),
+                                               ROW(ern_stream_writer_abandon)};
 enum { CHECKS = sizeof table / sizeof *table };
 
 static void test_every_function_has_a_check(void **state) {

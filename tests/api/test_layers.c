@@ -61,6 +61,7 @@ static const struct {
     {"mpi.h", {"mpi"}},
     {"ceres/*", {"prepare"}},
     {"OpenImageIO/*", {"media"}},
+    {"arpa/inet.h", {"media"}},
     {"libav*", {"media"}},
     {"libsw*", {"media"}},
     {"espeak-ng/*", {"lab"}},

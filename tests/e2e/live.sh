@@ -41,6 +41,10 @@ grep -q '"frames": 5,' short.json || fail "short.json: $(head -12 short.json)"
 # there already: refused; what is no sound: nothing is left
 live --audio clip/aud.wav -o live.mp4 2> err.txt && fail "live.mp4 was replaced"
 refused 1 1 "is there already"
+cp live.mp4 kept.mp4
+status=0; live --audio clip/aud.wav -o "file://$PWD/live.mp4" 2> err.txt || status=$?
+refused 1 $status "is there already"
+cmp live.mp4 kept.mp4 || fail "file:// replaced live.mp4"
 head -c 9000 /dev/urandom > noise.bin
 status=0; live --audio noise.bin -o noise.mp4 --as-fast 2> err.txt || status=$?
 refused 1 $status "noise.bin"
@@ -91,6 +95,11 @@ status=0; wait $program || status=$?
 refused 143 $status "had a reader"
 status=0; live --audio clip/aud.wav -o /dev/full --format raw 2> err.txt || status=$?
 refused 1 $status "No space left"
+# a full disk keeps the recording up to there, says so, and says beside it what it is
+status=0; (ulimit -f 32; live --audio clip/aud.wav -o full.ts --crf 0 --as-fast --size 256x256 2> err.txt) || status=$?
+refused 1 $status "full.ts" "it is cut"
+[ "$(stat -c %s full.ts)" -gt 10000 ] || fail "full.ts has $(stat -c %s full.ts) bytes"
+grep -q '"cut": true' full.ts.provenance.json || fail "full.ts.provenance.json: $(cat full.ts.provenance.json)"
 
 # a microphone that began before the program: what waits longer than --max-delay is left out. `stop` leaves out what waits of --audio,
 # 2 s, and the rest is said
@@ -118,10 +127,12 @@ for _ in 1 2; do
   grep -qa "Content-Type: video/mp4" http.bin || fail "http: $(head -c 300 http.bin)"
   grep -qa moof http.bin || fail "http: no piece of an mp4"
 done
-printf 'eyes 2\nhold on\nbackground white\nplay clip/aud.wav\nstop\nstatistics\nnonsense\nquit\n' >&8
+printf 'eyes 2\nhold on\nbackground white\nplay clip/aud.wav\nplay gone.wav\nstop\nstatistics\nnonsense\nquit\n' >&8
 status=0; wait $program || status=$?
-refused 0 $status "error: eyes" "^ok$" '"readers":2' "\"nonsense\" is not known"
+refused 0 $status "error: eyes" "error: play: gone.wav: No such file" "^ok$" '"readers":2' "\"nonsense\" is not known"
 [ "$(grep -c '^ok$' err.txt)" = 5 ] || fail "answers: $(cat err.txt)"
+{ echo "say hello"; sleep 1; echo quit; } | TMPDIR=$PWD/gone live --control - -o said.rgba 2> err.txt
+grep -q "gone/ernerf-say-.*TMPDIR.*No such file" err.txt || fail "say without a TMPDIR: $(cat err.txt)"
 echo mine > mine.sock
 status=0; live --control mine.sock -o x.mp4 2> err.txt || status=$?
 refused 1 $status "is no socket"

@@ -308,6 +308,36 @@ static void test_output_is_input(void **state) {
   cli_expect(&cli, 0, NULL);
 }
 
+/* Of all that a clip is made of, nothing is replaced, by whatever verb. */
+static void test_output_is_of_the_clip(void **state) {
+  (void)state;
+  static const char *const files[] = {
+      "transforms_train.json", "transforms_val.json", "bc.jpg",         "aud.wav",          "au.csv",
+      "prepare.json",          "aud_ds.npy",          "aud_eo.npy",     "aud_hu.npy",       "aud.npy",
+      "aud_cep.npy",           "gt_imgs/4.jpg",       "ori_imgs/4.lms", "torso_imgs/4.png", "parsing/4.png"};
+  static const char *const lines[] = {"live m.safetensors --clip whole --duration 1 --format raw -y -o whole/%s",
+                                      "eval m.safetensors whole -y --sheet whole/%s"};
+  char path[64];
+  cli_copy("base", "whole");
+  (void)mkdir("whole/parsing", 0777);
+  for (size_t i = 0; i < sizeof files / sizeof *files; i++) {
+    snprintf(path, sizeof path, "whole/%s", files[i]);
+    if (!cli_there(path)) support_write_text(path, "mine");
+    cli_run(&cli, lines[0], files[i]);
+    cli_expect(&cli, 1, path, "expected another", NULL);
+  }
+  for (size_t k = 1; k < sizeof lines / sizeof *lines; k++) {
+    cli_run(&cli, lines[k], "parsing/4.png");
+    cli_expect(&cli, 1, "whole/parsing/4.png: is", "expected another", NULL);
+  }
+  cli_run(&cli, "render m.safetensors --clip whole -y -o whole/parsing/%%d.png");
+  cli_expect(&cli, 1, "whole/parsing", "expected another", NULL);
+  size_t count = 0;
+  uint8_t *kept = cli_bytes("whole/parsing/4.png", &count);
+  assert_int_equal(count, 4);
+  free(kept);
+}
+
 /* Where a training would find at its end that it has no place. */
 static void test_no_place(void **state) {
   (void)state;
@@ -397,6 +427,7 @@ int main(void) {
                                      cmocka_unit_test(test_mismatch),
                                      cmocka_unit_test(test_no_folder),
                                      cmocka_unit_test(test_output_is_input),
+                                     cmocka_unit_test(test_output_is_of_the_clip),
                                      cmocka_unit_test(test_no_place),
                                      cmocka_unit_test(test_full_disk),
                                      cmocka_unit_test(test_full_disk_keeps_the_set),

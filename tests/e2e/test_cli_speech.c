@@ -4,6 +4,8 @@
 
 #include <math.h>
 
+#include "ernerf/media.h"
+
 static struct cli cli;
 
 /* A clip without a file of features, and a head that is trained on its sound. */
@@ -46,6 +48,20 @@ static void test_features(void **state) {
   /* what it heard is kept as a hash alone */
   cli_run(&cli, "train clip -o a.safetensors --resume --iters 6 --quiet");
   cli_expect(&cli, 1, "a.run/state.safetensors", "the SHA-256", "--speech-copies, --speech-warp, --speech-share", NULL);
+}
+
+/* A sound of 10 frames and a third is no sound that is missing, as its last frame outlasts it. */
+static void test_last_frame_outlasts_the_sound(void **state) {
+  (void)state;
+  int16_t samples[6592];
+  ern_context *context = support_context();
+  for (int i = 0; i < 6592; i++) samples[i] = (int16_t)(1000 * (i % 7));
+  const ern_sound sound = {.data = samples, .frames = 6592, .channels = 1, .rate = 16000};
+  support_ok(context, ern_sound_write_wav(context, "third.wav", &sound));
+  cli_run(&cli, "render m.safetensors --clip clip --audio third.wav -o third.mp4");
+  cli_expect(&cli, 0, "with sound", NULL);
+  assert_null(strstr(cli.err, "the rest is silent"));
+  ern_context_free(&context);
 }
 
 static void test_render(void **state) {
@@ -222,9 +238,13 @@ static void test_check(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_features), cmocka_unit_test(test_render),
-                                     cmocka_unit_test(test_mouth),    cmocka_unit_test(test_others),
-                                     cmocka_unit_test(test_text),     cmocka_unit_test(test_table_of_others),
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_features),
+                                     cmocka_unit_test(test_render),
+                                     cmocka_unit_test(test_last_frame_outlasts_the_sound),
+                                     cmocka_unit_test(test_mouth),
+                                     cmocka_unit_test(test_others),
+                                     cmocka_unit_test(test_text),
+                                     cmocka_unit_test(test_table_of_others),
                                      cmocka_unit_test(test_check)};
   return cmocka_run_group_tests(tests, make, NULL);
 }

@@ -1,96 +1,19 @@
 /* SPDX-License-Identifier: MIT
- * Streams: exact times in every form, sound as it comes, readers that leave, and waits that end when asked to. */
+ * Streams: exact times in every form, sound as it comes, names of files and addresses, and waits that end when asked
+ * to. */
 #include <arpa/inet.h>
 #include <fcntl.h>
-#include <math.h>
 #include <netinet/in.h>
 #include <pthread.h>
-#include <signal.h>
-#include <stdatomic.h>
 #include <stdbool.h>
-#include <sys/socket.h>
-#include <sys/stat.h>
 #include <sys/time.h>
 #include <time.h>
-#include <unistd.h>
 
-#include "ernerf/media.h"
-#include "ernerf/stream.h"
-#include "media/ffmpeg.h"
-#include "support.h"
-
-enum { SIDE = 32, FRAMES = 50, FPS = 25, RATE = 16000, SAMPLES = RATE / FPS, REPEATED = 20, PATIENCE = 600 };
-
-static ern_context *context;
-
-static int set_up(void **state) {
-  (void)state;
-  (void)signal(SIGPIPE, SIG_IGN);
-  context = support_context();
-  return 0;
-}
-
-static int tear_down(void **state) {
-  (void)state;
-  ern_context_free(&context);
-  return 0;
-}
-
-/* Asked ten times a second: ends a wait that nothing else ends. */
-struct patience {
-  atomic_int left;
-};
-
-static int loses_patience(void *user) {
-  struct patience *patience = user;
-  return atomic_fetch_sub(&patience->left, 1) <= 0 ? 1 : 0;
-}
-
-static size_t descriptors(void) {
-  size_t count = 0;
-  DIR *list = opendir("/proc/self/fd");
-  assert_non_null(list);
-  while (readdir(list) != NULL) count++;
-  (void)closedir(list);
-  return count;
-}
+#include "stream_support.h"
 
 static void make_fifo(const char *path) {
   (void)unlink(path);
   assert_int_equal(mkfifo(path, 0600), 0);
-}
-
-/* Grey that rises by 4 a frame. */
-static void paint(uint8_t *rgba, int k) {
-  for (size_t i = 0; i < (size_t)SIDE * SIDE * 4; i++) rgba[i] = (uint8_t)(i % 4 == 3 ? 255 : 20 + 4 * k);
-}
-
-static void tone(float *samples, int k) {
-  for (int i = 0; i < SAMPLES; i++) samples[i] = 0.5f * (float)sin(0.1 * (k * SAMPLES + i));
-}
-
-static ern_stream_options options_of_stream(const char *format) {
-  ern_stream_options options = ern_stream_options_default(SIDE, SIDE);
-  options.format = format;
-  options.sound_rate = RATE;
-  options.sound_channels = 1;
-  return options;
-}
-
-/* FRAMES pictures, REPEATED is the one before again. */
-static ern_status write_stream(const char *url, const ern_stream_options *options) {
-  static uint8_t rgba[SIDE * SIDE * 4];
-  float samples[SAMPLES];
-  ern_stream_writer *writer;
-  ern_status status = ern_stream_writer_open(context, url, options, &writer);
-  for (int k = 0; status == ERN_OK && k < FRAMES; k++) {
-    paint(rgba, k);
-    tone(samples, k);
-    status = ern_stream_writer_frame(writer, k == REPEATED ? NULL : rgba, samples, SAMPLES);
-  }
-  if (status == ERN_OK) return ern_stream_writer_close(&writer);
-  ern_stream_writer_abandon(&writer);
-  return status;
 }
 
 /* ---- the other side of a FIFO ------------------------------------------------------------------------------------ */
@@ -120,39 +43,6 @@ static void write_through_fifo(const char *to, const ern_stream_options *options
   assert_int_equal(pthread_create(&thread, NULL, copy_all, &copy), 0);
   support_ok(context, write_stream(copy.from, options));
   assert_int_equal(pthread_join(thread, NULL), 0);
-}
-
-/* ---- times ------------------------------------------------------------------------------------------------------- */
-
-struct times {
-  int pictures, wrong; /* wrong: not at first + k / 25 s */
-  double first_picture, first_sound, last_sound;
-};
-
-/* A coded sound begins with up to `priming` seconds that decoders leave out. */
-static struct times times_of(const char *path) {
-  struct times times = {.first_picture = NAN, .first_sound = NAN};
-  AVFormatContext *input = NULL;
-  AVPacket *packet = av_packet_alloc();
-  assert_non_null(packet);
-  assert_int_equal(avformat_open_input(&input, path, NULL, NULL), 0);
-  assert_true(avformat_find_stream_info(input, NULL) >= 0);
-  while (av_read_frame(input, packet) >= 0) {
-    const AVStream *stream = input->streams[packet->stream_index];
-    const double seconds = (double)packet->pts * av_q2d(stream->time_base);
-    if (stream->codecpar->codec_type == AVMEDIA_TYPE_VIDEO) {
-      if (times.pictures == 0) times.first_picture = seconds;
-      times.wrong += fabs(seconds - times.first_picture - (double)times.pictures / FPS) > 1e-6;
-      times.pictures++;
-    } else {
-      if (isnan(times.first_sound)) times.first_sound = seconds;
-      times.last_sound = seconds + (double)packet->duration * av_q2d(stream->time_base);
-    }
-    av_packet_unref(packet);
-  }
-  av_packet_free(&packet);
-  avformat_close_input(&input);
-  return times;
 }
 
 /* Of files and of streams, in each form with stamps. AAC's first packet, 1024 samples, comes before the first picture;
@@ -285,18 +175,6 @@ static void test_what_is_no_sound_is_refused(void **state) {
                  "no such form", NULL);
 }
 
-/* A port that was free a moment ago. */
-static uint16_t free_port(void) {
-  struct sockaddr_in address = {.sin_family = AF_INET, .sin_addr.s_addr = htonl(INADDR_LOOPBACK)};
-  socklen_t bytes = sizeof address;
-  const int made = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
-  assert_true(made >= 0);
-  assert_int_equal(bind(made, (const struct sockaddr *)&address, bytes), 0);
-  assert_int_equal(getsockname(made, (struct sockaddr *)&address, &bytes), 0);
-  (void)close(made);
-  return ntohs(address.sin_port);
-}
-
 /* The scheme of an address decides, whatever its path ends with. */
 static void test_scheme_decides_before_ending(void **state) {
   (void)state;
@@ -325,6 +203,53 @@ static void test_rtsp_is_connected_to(void **state) {
   char url[64];
   snprintf(url, sizeof url, "rtsp://127.0.0.1:%d/", free_port());
   support_expect(context, ern_sound_reader_open(context, url, NULL, &reader), ERN_E_IO, url, "refused", NULL);
+}
+
+/* "file:" names a file like any other; FFmpeg's other protocols that lead to files are refused, nested ones too. */
+static void test_only_files_and_networks(void **state) {
+  (void)state;
+  static const char *const others[] = {"cache:other.ts",
+                                       "cache:file:other.ts",
+                                       "concat:other.ts|other.ts",
+                                       "crypto+file://other.ts",
+                                       "subfile,,start,0,:a.ts",
+                                       "tee:other.ts",
+                                       "pipe:1",
+                                       "data:audio/wav,other",
+                                       "async:http://127.0.0.1/",
+                                       "no-such://other.ts",
+                                       "unix:other.ts",
+                                       "http+file://other.ts"};
+  const ern_stream_options options = options_of_stream("mpegts");
+  ern_stream_writer *writer;
+  ern_sound_reader *reader;
+  uint8_t rgba[SIDE * SIDE * 4];
+  struct stat there;
+  char url[1100] = "file://", *here = getcwd(url + 7, 1000);
+  assert_non_null(here);
+  strcat(url, "/mine.ts");
+  support_write_text("mine.ts", "mine");
+  support_ok(context, ern_stream_writer_open(context, url, &options, &writer));
+  paint(rgba, 0);
+  support_ok(context, ern_stream_writer_frame(writer, rgba, NULL, 0));
+  assert_int_equal(stat("mine.ts", &there), 0);
+  assert_int_equal(there.st_size, 4); /* until it is whole */
+  support_ok(context, ern_stream_writer_close(&writer));
+  assert_int_equal(stat("mine.ts", &there), 0);
+  assert_true(there.st_size > 188);
+  support_write_text("other.ts", "mine");
+  for (size_t i = 0; i < sizeof others / sizeof *others; i++) {
+    support_expect(context, ern_stream_writer_open(context, others[i], &options, &writer), ERN_E_UNSUPPORTED, others[i],
+                   "expected a file", NULL);
+    support_expect(context, ern_sound_reader_open(context, others[i], NULL, &reader), ERN_E_UNSUPPORTED, others[i],
+                   "expected a file", NULL);
+  }
+  assert_int_equal(stat("other.ts", &there), 0);
+  assert_int_equal(there.st_size, 4);
+  support_ok(context, write_stream("./cache:other.ts", &options)); /* a file of that name */
+  assert_int_equal(access("cache:other.ts", F_OK), 0);
+  support_ok(context, ern_sound_reader_open(context, "file:./cache:other.ts", NULL, &reader));
+  ern_sound_reader_free(&reader);
 }
 
 /* ---- waits that end ---------------------------------------------------------------------------------------------- */
@@ -367,64 +292,6 @@ static void test_waits_end_when_asked_to(void **state) {
   assert_int_equal(descriptors(), before);
 }
 
-/* ---- a browser --------------------------------------------------------------------------------------------------- */
-
-struct browser {
-  uint16_t port;
-  bool has_piece; /* of an mp4 */
-};
-
-static int connect_to(uint16_t port) {
-  const struct sockaddr_in address = {
-      .sin_family = AF_INET, .sin_port = htons(port), .sin_addr.s_addr = htonl(INADDR_LOOPBACK)};
-  for (int look = 0; look < PATIENCE; look++) {
-    const int made = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
-    if (made < 0 || connect(made, (const struct sockaddr *)&address, sizeof address) == 0) return made;
-    (void)close(made);
-    (void)nanosleep(&(struct timespec){.tv_nsec = 50000000}, NULL);
-  }
-  return -1;
-}
-
-/* Reads until the first piece of an mp4, and leaves. */
-static void *browse(void *user) {
-  static const char ask[] = "GET / HTTP/1.1\r\nHost: localhost\r\n\r\n";
-  struct browser *browser = user;
-  char bytes[16384];
-  size_t count = 0;
-  const int to = connect_to(browser->port);
-  if (to < 0) return NULL;
-  if (send(to, ask, sizeof ask - 1, 0) != (ssize_t)sizeof ask - 1) count = sizeof bytes;
-  while (count < sizeof bytes && !browser->has_piece) {
-    const ssize_t got = recv(to, bytes + count, sizeof bytes - count, 0);
-    if (got <= 0) break;
-    count += (size_t)got;
-    for (size_t i = 0; i + 4 <= count; i++) browser->has_piece |= memcmp(bytes + i, "moof", 4) == 0;
-  }
-  (void)close(to);
-  return NULL;
-}
-
-static void test_a_browser_comes_and_leaves(void **state) {
-  (void)state;
-  struct browser browser = {.port = free_port()};
-  struct patience patience = {PATIENCE};
-  ern_stream_options options = options_of_stream(NULL);
-  char url[64];
-  pthread_t thread;
-  ern_status status = ERN_OK;
-  const size_t before = descriptors();
-  options.stop = loses_patience;
-  options.user = &patience;
-  snprintf(url, sizeof url, "http://127.0.0.1:%d/", browser.port);
-  assert_int_equal(pthread_create(&thread, NULL, browse, &browser), 0);
-  for (int k = 0; k < 1000 && (status = write_stream(url, &options)) == ERN_OK; k++) continue;
-  assert_int_equal(pthread_join(thread, NULL), 0);
-  support_expect(context, status, ERN_E_IO, url, NULL);
-  assert_true(browser.has_piece);
-  assert_int_equal(descriptors(), before);
-}
-
 /* ---- options ----------------------------------------------------------------------------------------------------- */
 
 static void test_options_are_checked(void **state) {
@@ -454,8 +321,8 @@ int main(void) {
       cmocka_unit_test(test_each_form_has_exact_times),    cmocka_unit_test(test_raw_pictures_and_y4m),
       cmocka_unit_test(test_sound_is_read_as_it_comes),    cmocka_unit_test(test_what_is_no_sound_is_refused),
       cmocka_unit_test(test_scheme_decides_before_ending), cmocka_unit_test(test_rtsp_is_connected_to),
-      cmocka_unit_test(test_waits_end_when_asked_to),      cmocka_unit_test(test_a_browser_comes_and_leaves),
-      cmocka_unit_test(test_options_are_checked),
+      cmocka_unit_test(test_waits_end_when_asked_to),      cmocka_unit_test(test_options_are_checked),
+      cmocka_unit_test(test_only_files_and_networks),
   };
   return cmocka_run_group_tests(tests, set_up, tear_down);
 }

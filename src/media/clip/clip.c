@@ -77,7 +77,7 @@ static ern_status open_features(ern_clip *clip, const ern_clip_options *options)
     ERN_TRY(ern_string_copy(clip->context, name, &clip->speech_path));
   } else {
     if (options->network != NULL)
-      name = "aud.wav";
+      name = ern_clip_content(ERN_CLIP_SOUND);
     else
       ERN_TRY(ern_clip_features_name(clip->context, clip->folder, options->asr_model, &name));
     ERN_TRY(ern_path_join(clip->context, clip->folder, name, &clip->speech_path));
@@ -110,8 +110,8 @@ static ern_status identity_of(ern_clip *clip, char identity[65]) {
   uint8_t *transforms = NULL, *picture = NULL;
   size_t transforms_bytes = 0, picture_bytes = 0;
   uint8_t *both = NULL;
-  ERN_TRY(ern_path_join(context, clip->folder, "transforms_train.json", &transforms_path));
-  ERN_TRY(ern_path_join(context, clip->folder, "bc.jpg", &path));
+  ERN_TRY(ern_clip_path(context, clip->folder, ERN_CLIP_TRAIN, &transforms_path));
+  ERN_TRY(ern_clip_path(context, clip->folder, ERN_CLIP_BACKGROUND, &path));
   ERN_TRY(ern_file_read(context, transforms_path, TRANSFORMS_LIMIT, &transforms, &transforms_bytes));
   ERN_TRY(ern_file_read(context, path, BACKGROUND_LIMIT, &picture, &picture_bytes));
   ERN_TRY(ERN_NEW(context, transforms_bytes + picture_bytes, &both));
@@ -141,7 +141,7 @@ static ern_status open_background(ern_clip *clip) {
   ern_context *context = clip->context;
   ern_image read = {0};
   char *path = NULL;
-  ERN_TRY(ern_path_join(context, clip->folder, "bc.jpg", &path));
+  ERN_TRY(ern_clip_path(context, clip->folder, ERN_CLIP_BACKGROUND, &path));
   ERN_TRY(ern_image_read(context, path, 3, &read));
   if (read.width == clip->info.width && read.height == clip->info.height) {
     clip->background = read;
@@ -209,11 +209,10 @@ fail:
 /* Finds the clip's optional files. */
 static ern_status find_optional(ern_clip *clip) {
   ern_status status = ERN_OK;
-  ERN_TRY(ern_clip_has(clip->context, clip->folder, ern_clip_part_folder(ERN_PART_TORSO), &clip->info.has_torso));
-  ERN_TRY(
-      ern_clip_has(clip->context, clip->folder, ern_clip_part_folder(ERN_PART_LANDMARKS), &clip->info.has_landmarks));
-  ERN_TRY(ern_clip_has(clip->context, clip->folder, ern_clip_part_folder(ERN_PART_PARSING), &clip->info.has_parsing));
-  ERN_TRY(ern_clip_has(clip->context, clip->folder, "aud.wav", &clip->info.has_sound));
+  ERN_TRY(ern_clip_has(clip->context, clip->folder, ERN_PART_TORSO, &clip->info.has_torso));
+  ERN_TRY(ern_clip_has(clip->context, clip->folder, ERN_PART_LANDMARKS, &clip->info.has_landmarks));
+  ERN_TRY(ern_clip_has(clip->context, clip->folder, ERN_PART_PARSING, &clip->info.has_parsing));
+  ERN_TRY(ern_clip_has(clip->context, clip->folder, ERN_CLIP_SOUND, &clip->info.has_sound));
 fail:
   return status;
 }
@@ -330,7 +329,7 @@ ern_context *ern_clip_context(const ern_clip *clip) { return clip->context; }
 
 ern_status ern_clip_sound(const ern_clip *clip, ern_sound *sound) {
   char *path = NULL;
-  ern_status status = ern_path_join(clip->context, clip->folder, "aud.wav", &path);
+  ern_status status = ern_clip_path(clip->context, clip->folder, ERN_CLIP_SOUND, &path);
   if (status == ERN_OK) status = ern_sound_read(clip->context, path, sound);
   ern_release(clip->context, path);
   return status;

@@ -8,12 +8,33 @@
 #include "ernerf/media.h"
 #include "ernerf/speech.h"
 
-/* A frame's files: gt_imgs/ID.jpg (or .png, .jpeg), torso_imgs/ID.png, ori_imgs/ID.lms, parsing/ID.png. */
-typedef enum ern_clip_part { ERN_PART_TRUTH, ERN_PART_TORSO, ERN_PART_LANDMARKS, ERN_PART_PARSING } ern_clip_part;
-const char *ern_clip_part_folder(ern_clip_part part); /* "gt_imgs" */
+/* What a clip is made of: every file and folder of it that is opened, by the index of ern_clip_content(). */
+enum ern_clip_content {
+  ERN_PART_TRUTH,
+  ERN_PART_TORSO,
+  ERN_PART_LANDMARKS,
+  ERN_PART_PARSING,
+  ERN_CLIP_TRAIN,
+  ERN_CLIP_VAL,
+  ERN_CLIP_BACKGROUND,
+  ERN_CLIP_SOUND,
+  ERN_CLIP_BLINKS,
+  ERN_CLIP_RECORD, /* of `prepare` */
+  ERN_CLIP_DEEPSPEECH,
+  ERN_CLIP_ESPERANTO,
+  ERN_CLIP_HUBERT,
+  ERN_CLIP_FEATURES,
+  ERN_CLIP_CEPSTRA
+};
+/* *path = that file or folder of the clip, owned by the caller (ern_release). */
+ERN_NODISCARD ern_status ern_clip_path(ern_context *context, const char *folder, enum ern_clip_content content,
+                                       char **path);
+/* *there = whether it exists. */
+ERN_NODISCARD ern_status ern_clip_has(ern_context *context, const char *folder, enum ern_clip_content content,
+                                      bool *there);
 
-/* *there = whether FOLDER/NAME exists. */
-ERN_NODISCARD ern_status ern_clip_has(ern_context *context, const char *folder, const char *name, bool *there);
+/* The folders of frames: gt_imgs/ID.jpg (or .png, .jpeg), torso_imgs/ID.png, ori_imgs/ID.lms, parsing/ID.png. */
+typedef enum ern_clip_content ern_clip_part;
 
 /* *path = the frame's file, owned by the caller (ern_release); ERN_E_MISSING where there is none. */
 ERN_NODISCARD ern_status ern_clip_part_path(ern_context *context, const char *folder, ern_clip_part part,

@@ -81,7 +81,7 @@ static void check_background(struct report *report) {
   char path[REASON_BYTES];
   int width = 0, height = 0;
   const ern_pose_list *train = &report->lists[ERN_SPLIT_TRAIN];
-  snprintf(path, sizeof path, "%s/bc.jpg", report->folder);
+  snprintf(path, sizeof path, "%s/%s", report->folder, ern_clip_content(ERN_CLIP_BACKGROUND));
   const ern_status status = ern_image_size(report->context, path, &width, &height);
   if (status != ERN_OK) {
     say_wrong(report, status, "The step extract background (the public program's process.py, task 5) makes it.");
@@ -126,11 +126,11 @@ static bool check_files(struct report *report, ern_clip_part part, const char *w
     }
   }
   if (wrong == 0) {
-    add_line(report, THERE, "%s: %s of all %zu frames.", ern_clip_part_folder(part), what, count);
+    add_line(report, THERE, "%s: %s of all %zu frames.", ern_clip_content(part), what, count);
     return true;
   }
-  ern_fail(report->context, first, "%s: %zu of %zu frames have no good file, the first is %s",
-           ern_clip_part_folder(part), wrong, count, reason);
+  ern_fail(report->context, first, "%s: %zu of %zu frames have no good file, the first is %s", ern_clip_content(part),
+           wrong, count, reason);
   say_wrong(report, first, help);
   return false;
 }
@@ -166,19 +166,22 @@ fail:
 }
 
 static void check_frames(struct report *report) {
-  static const char *const optional[3][2] = {
-      {"torso_imgs",
+  static const struct {
+    ern_clip_part part;
+    const char *sentence;
+  } optional[] = {
+      {ERN_PART_TORSO,
        "torso_imgs: missing. A head can be trained, over the plain background, but no torso; the step extract torso "
        "and ground truth (the public program's process.py, task 6) makes it."},
-      {"ori_imgs",
+      {ERN_PART_LANDMARKS,
        "ori_imgs: missing. In training the face is not distinguished from the rest, and eval gives no figures of "
        "head and mouth; the step landmarks (the public program's process.py, task 7) makes its .lms files."},
-      {"parsing",
+      {ERN_PART_PARSING,
        "parsing: missing. The head will be learnt over the clip's background alone, and may keep pieces of it; the "
        "step face parsing (the public program's process.py, task 4) makes it."}};
   bool there[3] = {false, false, false};
   for (int i = 0; i < 3; i++) {
-    const ern_status status = ern_clip_has(report->context, report->folder, optional[i][0], &there[i]);
+    const ern_status status = ern_clip_has(report->context, report->folder, optional[i].part, &there[i]);
     if (status != ERN_OK) say_wrong(report, status, "");
   }
   if (report->poses) {
@@ -186,19 +189,19 @@ static void check_frames(struct report *report) {
                 "The steps extract images, and extract torso and ground truth (the public program's process.py, tasks "
                 "3 and 6), make them.");
   }
-  if (!there[0]) add_line(report, OPTIONAL, "%s", optional[0][1]);
+  if (!there[0]) add_line(report, OPTIONAL, "%s", optional[0].sentence);
   if (there[0] && report->poses) {
     report->torso =
         check_files(report, ERN_PART_TORSO, "the torso pictures",
                     "The step extract torso and ground truth (the public program's process.py, task 6) makes them.");
     if (report->torso) check_alpha(report);
   }
-  if (!there[1]) add_line(report, OPTIONAL, "%s", optional[1][1]);
+  if (!there[1]) add_line(report, OPTIONAL, "%s", optional[1].sentence);
   if (there[1] && report->poses) {
     report->landmarks = check_files(report, ERN_PART_LANDMARKS, "the landmarks",
                                     "The step landmarks (the public program's process.py, task 7) makes them.");
   }
-  if (!there[2]) add_line(report, OPTIONAL, "%s", optional[2][1]);
+  if (!there[2]) add_line(report, OPTIONAL, "%s", optional[2].sentence);
   if (there[2] && report->poses)
     check_files(report, ERN_PART_PARSING, "the head, neck and torso",
                 "The step face parsing (the public program's process.py, task 4) makes them; without the folder the "
@@ -314,14 +317,14 @@ static void check_sound(struct report *report) {
   bool there = false;
   ern_sound sound = {0};
   int64_t img_id = 0, aud_id = 0;
-  ern_status status = ern_clip_has(report->context, report->folder, "aud.wav", &there);
+  ern_status status = ern_clip_has(report->context, report->folder, ERN_CLIP_SOUND, &there);
   if (status == ERN_OK && !there) {
     add_line(report, OPTIONAL,
              "aud.wav: missing. Rendered videos will have no sound; the step extract audio (the public program's "
              "process.py, task 1) makes it.");
     return;
   }
-  snprintf(path, sizeof path, "%s/aud.wav", report->folder);
+  snprintf(path, sizeof path, "%s/%s", report->folder, ern_clip_content(ERN_CLIP_SOUND));
   if (status == ERN_OK) status = ern_sound_read(report->context, path, &sound);
   if (status != ERN_OK) {
     char reason[REASON_BYTES];
@@ -354,7 +357,7 @@ static void check_sound(struct report *report) {
 /* Reports that `prepare` made the clip: the other sentences name the public script process.py, which did not. */
 static void report_prepare(struct report *report) {
   bool there = false;
-  const ern_status status = ern_clip_has(report->context, report->folder, "prepare.json", &there);
+  const ern_status status = ern_clip_has(report->context, report->folder, ERN_CLIP_RECORD, &there);
   if (status != ERN_OK || !there || !report->lacks) return;
   add_line(
       report, THERE,

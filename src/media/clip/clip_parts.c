@@ -11,25 +11,46 @@
 #include "io/json.h"
 #include "media/clip/clip.h"
 
-static const char *const part_folders[] = {[ERN_PART_TRUTH] = "gt_imgs",
-                                           [ERN_PART_TORSO] = "torso_imgs",
-                                           [ERN_PART_LANDMARKS] = "ori_imgs",
-                                           [ERN_PART_PARSING] = "parsing"};
+static const char *const contents[] = {[ERN_PART_TRUTH] = "gt_imgs",
+                                       [ERN_PART_TORSO] = "torso_imgs",
+                                       [ERN_PART_LANDMARKS] = "ori_imgs",
+                                       [ERN_PART_PARSING] = "parsing",
+                                       [ERN_CLIP_TRAIN] = "transforms_train.json",
+                                       [ERN_CLIP_VAL] = "transforms_val.json",
+                                       [ERN_CLIP_BACKGROUND] = "bc.jpg",
+                                       [ERN_CLIP_SOUND] = "aud.wav",
+                                       [ERN_CLIP_BLINKS] = "au.csv",
+                                       [ERN_CLIP_RECORD] = "prepare.json",
+                                       [ERN_CLIP_DEEPSPEECH] = "aud_ds.npy",
+                                       [ERN_CLIP_ESPERANTO] = "aud_eo.npy",
+                                       [ERN_CLIP_HUBERT] = "aud_hu.npy",
+                                       [ERN_CLIP_FEATURES] = "aud.npy",
+                                       [ERN_CLIP_CEPSTRA] = "aud_cep.npy"};
 /* Extensions looked for, in order. */
 static const char *const part_endings[][3] = {[ERN_PART_TRUTH] = {"jpg", "png", "jpeg"},
                                               [ERN_PART_TORSO] = {"png"},
                                               [ERN_PART_LANDMARKS] = {"lms"},
                                               [ERN_PART_PARSING] = {"png"}};
 
-const char *ern_clip_part_folder(ern_clip_part part) { return part_folders[part]; }
+const char *ern_clip_content(size_t index) {
+  return index < sizeof contents / sizeof *contents ? contents[index] : NULL;
+}
 
-ern_status ern_clip_has(ern_context *context, const char *folder, const char *name, bool *there) {
+ern_status ern_clip_path(ern_context *context, const char *folder, enum ern_clip_content content, char **path) {
+  return ern_path_join(context, folder, contents[content], path);
+}
+
+static ern_status is_there(ern_context *context, const char *folder, const char *name, bool *there) {
   char *path = NULL;
   struct stat about;
   const ern_status status = ern_path_join(context, folder, name, &path);
   *there = status == ERN_OK && stat(path, &about) == 0;
   ern_release(context, path);
   return status;
+}
+
+ern_status ern_clip_has(ern_context *context, const char *folder, enum ern_clip_content content, bool *there) {
+  return is_there(context, folder, contents[content], there);
 }
 
 ern_status ern_clip_part_path(ern_context *context, const char *folder, ern_clip_part part, int64_t img_id,
@@ -39,12 +60,12 @@ ern_status ern_clip_part_path(ern_context *context, const char *folder, ern_clip
   *path = NULL;
   for (size_t i = 0; i < 3 && part_endings[part][i] != NULL; i++) {
     bool there = false;
-    snprintf(name, sizeof name, "%s/%" PRId64 ".%s", part_folders[part], img_id, part_endings[part][i]);
-    ERN_TRY(ern_clip_has(context, folder, name, &there));
+    snprintf(name, sizeof name, "%s/%" PRId64 ".%s", contents[part], img_id, part_endings[part][i]);
+    ERN_TRY(is_there(context, folder, name, &there));
     if (there) return ern_path_join(context, folder, name, path);
   }
   return ern_fail(context, ERN_E_MISSING, "%s/%s/%" PRId64 ".%s: is missing, and img_id %" PRId64 " needs it", folder,
-                  part_folders[part], img_id, part_endings[part][0], img_id);
+                  contents[part], img_id, part_endings[part][0], img_id);
 fail:
   return status;
 }
@@ -59,9 +80,9 @@ ern_status ern_clip_check_prepared(ern_context *context, const char *folder) {
   json_t *record = NULL;
   char kept[ERN_ERROR_BYTES];
   bool there = false;
-  ERN_TRY(ern_clip_has(context, folder, "prepare.json", &there));
+  ERN_TRY(ern_clip_has(context, folder, ERN_CLIP_RECORD, &there));
   if (!there) return ERN_OK;
-  ERN_TRY(ern_path_join(context, folder, "prepare.json", &path));
+  ERN_TRY(ern_clip_path(context, folder, ERN_CLIP_RECORD, &path));
   ERN_TRY(ern_file_read(context, path, RECORD_LIMIT, &text, &length));
   ern_error_keep(context, kept);
   status = ern_json_parse(context, path, "", (const char *)text, length, JSON_LIMIT, &record);
@@ -100,7 +121,7 @@ ern_status ern_clip_train_poses(ern_context *context, const char *folder, ern_po
   ern_status status = ERN_OK;
   char *path = NULL;
   *train = (ern_pose_list){0};
-  ERN_TRY(ern_path_join(context, folder, "transforms_train.json", &path));
+  ERN_TRY(ern_clip_path(context, folder, ERN_CLIP_TRAIN, &path));
   ERN_TRY(ern_pose_list_load(context, path, train));
 fail:
   ern_release(context, path);
@@ -119,9 +140,9 @@ ern_status ern_clip_val_poses(ern_context *context, const char *folder, const er
   char *path = NULL;
   bool there = false;
   *val = (ern_pose_list){0};
-  ERN_TRY(ern_clip_has(context, folder, "transforms_val.json", &there));
+  ERN_TRY(ern_clip_has(context, folder, ERN_CLIP_VAL, &there));
   if (!there) return ERN_OK;
-  ERN_TRY(ern_path_join(context, folder, "transforms_val.json", &path));
+  ERN_TRY(ern_clip_path(context, folder, ERN_CLIP_VAL, &path));
   ERN_TRY(ern_pose_list_load(context, path, val));
   ERN_TRY(check_same(context, path, "focal_len", val->focal, train->focal));
   ERN_TRY(check_same(context, path, "cx", val->cx, train->cx));
@@ -149,9 +170,10 @@ void ern_clip_largest_ids(const ern_pose_list lists[2], int64_t *img_id, int64_t
 
 ern_status ern_clip_features_name(ern_context *context, const char *folder, const char *asr_model, const char **name) {
   static const struct {
-    const char *model, *name; /* the public code recognises a model by a part of its name */
-  } kinds[] = {{"deepspeech", "aud_ds.npy"}, {"esperanto", "aud_eo.npy"}, {"hubert", "aud_hu.npy"}, {NULL, "aud.npy"},
-               {"cepstra", "aud_cep.npy"},   {"cepstra", "aud.wav"}};
+    const char *model; /* the public code recognises a model by a part of its name */
+    enum ern_clip_content file;
+  } kinds[] = {{"deepspeech", ERN_CLIP_DEEPSPEECH}, {"esperanto", ERN_CLIP_ESPERANTO}, {"hubert", ERN_CLIP_HUBERT},
+               {NULL, ERN_CLIP_FEATURES},           {"cepstra", ERN_CLIP_CEPSTRA},     {"cepstra", ERN_CLIP_SOUND}};
   ern_status status = ERN_OK;
   bool known = asr_model == NULL;
   *name = NULL;
@@ -159,8 +181,8 @@ ern_status ern_clip_features_name(ern_context *context, const char *folder, cons
     bool there = false;
     if (asr_model != NULL && (kinds[i].model == NULL || strstr(asr_model, kinds[i].model) == NULL)) continue;
     known = true;
-    *name = kinds[i].name;
-    ERN_TRY(ern_clip_has(context, folder, kinds[i].name, &there));
+    *name = contents[kinds[i].file];
+    ERN_TRY(ern_clip_has(context, folder, kinds[i].file, &there));
     if (there) return ERN_OK;
   }
   if (!known) {
@@ -188,9 +210,9 @@ ern_status ern_clip_blink(ern_context *context, const char *folder, int64_t larg
   bool there = false;
   *blink = NULL;
   *count = 0;
-  ERN_TRY(ern_clip_has(context, folder, "au.csv", &there));
+  ERN_TRY(ern_clip_has(context, folder, ERN_CLIP_BLINKS, &there));
   if (!there) return ERN_OK;
-  ERN_TRY(ern_path_join(context, folder, "au.csv", &path));
+  ERN_TRY(ern_clip_path(context, folder, ERN_CLIP_BLINKS, &path));
   ERN_TRY(ern_csv_read_column(context, path, "AU45_r", blink, count));
   if ((uint64_t)largest_img_id >= *count) {
     ERN_TRY(ern_fail(context, ERN_E_SHAPE,

@@ -18,9 +18,10 @@ static bool asks_to_stop(const struct ern_descriptor_io *io) { return io->stop !
 
 /* Waits until the descriptor is ready. Returns 0, or an FFmpeg error. */
 static int await(const struct ern_descriptor_io *io, short events) {
-  for (;;) {
+  for (int waited = 0;; waited += LOOK_MS) {
     struct pollfd look = {.fd = io->descriptor, .events = events};
     if (asks_to_stop(io)) return AVERROR_EXIT;
+    if (io->patience_ms > 0 && waited >= io->patience_ms) return AVERROR(ETIMEDOUT);
     const int ready = poll(&look, 1, LOOK_MS);
     if (ready > 0) return 0; /* also where the other end has closed: the next read or write then reports it */
     if (ready < 0 && errno != EINTR) return AVERROR(errno);
@@ -72,19 +73,29 @@ static ern_status open_descriptor(ern_context *context, const char *path, bool w
   return ern_fail(context, ERN_E_CANCELLED, "%s: stopped before its other side was there", path);
 }
 
+static ern_status make_io(ern_context *context, const char *path, bool writes, struct ern_descriptor_io *made) {
+  uint8_t *buffer = av_malloc(BUFFER_BYTES);
+  if (buffer != NULL) made->io = avio_alloc_context(buffer, BUFFER_BYTES, writes, made, read_some, write_all, NULL);
+  if (made->io != NULL) return ERN_OK;
+  av_free(buffer);
+  ern_descriptor_io_close(made);
+  return ern_fail(context, ERN_E_NO_MEMORY, "%s: no memory for a pipe", path);
+}
+
 ern_status ern_descriptor_io_open(ern_context *context, const char *path, bool writes, struct ern_descriptor_io *made) {
   ern_status status = ERN_OK;
-  uint8_t *buffer = NULL;
   made->descriptor = writes ? STDOUT_FILENO : STDIN_FILENO;
   if (strcmp(path, "-") != 0) ERN_TRY(open_descriptor(context, path, writes, made));
-  buffer = av_malloc(BUFFER_BYTES);
-  if (buffer != NULL) made->io = avio_alloc_context(buffer, BUFFER_BYTES, writes, made, read_some, write_all, NULL);
-  if (made->io == NULL) ERN_TRY(ern_fail(context, ERN_E_NO_MEMORY, "%s: no memory for a pipe", path));
-  return ERN_OK;
+  ERN_TRY(make_io(context, path, writes, made));
 fail:
-  if (made->io == NULL) av_free(buffer);
-  ern_descriptor_io_close(made);
   return status;
+}
+
+ern_status ern_descriptor_io_take(ern_context *context, const char *path, int descriptor,
+                                  struct ern_descriptor_io *made) {
+  made->descriptor = descriptor;
+  made->owned = true;
+  return make_io(context, path, true, made);
 }
 
 void ern_descriptor_io_close(struct ern_descriptor_io *io) {

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * FFmpeg input and output (AVIOContext) over a pipe's file descriptor. A caller can interrupt its waits, which FFmpeg's
- * own pipe protocol does not allow. */
+ * FFmpeg input and output (AVIOContext) over the file descriptor of a pipe or socket. A caller can interrupt its waits,
+ * which FFmpeg's own pipe protocol does not allow. */
 #ifndef ERN_MEDIA_DESCRIPTOR_IO_H
 #define ERN_MEDIA_DESCRIPTOR_IO_H
 
@@ -12,7 +12,8 @@
 struct ern_descriptor_io {
   AVIOContext *io;
   int descriptor;
-  bool owned; /* ern_descriptor_io_close closes the descriptor */
+  bool owned;      /* ern_descriptor_io_close closes the descriptor */
+  int patience_ms; /* a write that the other end does not take for so long fails with ETIMEDOUT; 0: none does */
   int (*stop)(void *user);
   void *user;
 };
@@ -20,6 +21,9 @@ struct ern_descriptor_io {
 /* path: "-" is standard input or output; any other path is opened, a FIFO once its other end is open. The struct must
  * not move. */
 ERN_NODISCARD ern_status ern_descriptor_io_open(ern_context *context, const char *path, bool writes,
+                                                struct ern_descriptor_io *made);
+/* The same for a descriptor that is open for writing, and is owned from now on, also on failure. */
+ERN_NODISCARD ern_status ern_descriptor_io_take(ern_context *context, const char *path, int descriptor,
                                                 struct ern_descriptor_io *made);
 void ern_descriptor_io_close(struct ern_descriptor_io *io); /* accepts a zeroed one */
 

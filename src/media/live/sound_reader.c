@@ -11,6 +11,7 @@
 #include "core/sized.h"
 #include "ernerf/stream.h"
 #include "media/ffmpeg.h"
+#include "media/live/address.h"
 #include "media/live/descriptor_io.h"
 
 enum { LEAST_RATE = 1000, MOST_RATE = 384000, MOST_CHANNELS = 8 };
@@ -73,15 +74,17 @@ static int describe(const ern_sound_reader_options *o, bool device, AVDictionary
 bool ern_sound_reader_is_device(const char *url) {
   if (url == NULL) return false;
   const char *colon = strchr(url, ':');
-  return colon != NULL && strstr(url, "://") == NULL && colon != url && strchr(url, '/') == NULL;
+  return colon != NULL && colon != url && strchr(url, '/') == NULL && ern_stream_file(url) == url;
 }
 
 static ern_status open_input(ern_sound_reader *r, const char *url) {
   ern_context *context = r->context;
   struct ern_decoder_input input = {.url = url, .interrupt = {r->options.stop, r->options.user}};
-  const bool pipe = ern_is_pipe(url), address = strstr(url, "://") != NULL;
+  const char *path = NULL;
   ern_status status = ERN_OK;
   char *file = NULL;
+  ERN_TRY(ern_address_parse(context, url, &path));
+  const bool pipe = path != NULL && ern_is_pipe(path), device = !pipe && ern_sound_reader_is_device(url);
   if (r->options.format != NULL) {
     input.format = av_find_input_format(r->options.format);
     if (input.format == NULL)
@@ -92,18 +95,18 @@ static ern_status open_input(ern_sound_reader *r, const char *url) {
   if (pipe) {
     r->pipe.stop = r->options.stop;
     r->pipe.user = r->options.user;
-    ERN_TRY(ern_descriptor_io_open(context, url, false, &r->pipe));
+    ERN_TRY(ern_descriptor_io_open(context, path, false, &r->pipe));
     input.io = r->pipe.io;
     input.url = NULL;
-  } else if (!address && ern_sound_reader_is_device(url)) {
+  } else if (device) {
     ERN_TRY(find_device(context, url, &input.format));
     input.url = strchr(url, ':') + 1;
-  } else if (!address) {
-    ERN_TRY(ern_av_url(context, url, &file));
+  } else if (path != NULL) {
+    ERN_TRY(ern_av_url(context, path, &file));
     input.url = file;
   }
   int error = av_dict_set(&input.options, "protocol_whitelist", file != NULL ? "file" : NULL, 0);
-  if (error >= 0) error = describe(&r->options, !address && ern_sound_reader_is_device(url) && !pipe, &input.options);
+  if (error >= 0) error = describe(&r->options, device, &input.options);
   if (error < 0) ERN_TRY(ern_fail(context, ERN_E_NO_MEMORY, "%s: no memory", url));
   status = ern_decoder_open_live(context, url, &input, &r->decoder);
 fail:

@@ -2,6 +2,7 @@
  * Writes streams of pictures and sound to files, pipes and URLs. */
 #include <stdio.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "core/floats.h"
 #include "core/memory.h"
@@ -9,16 +10,20 @@
 #include "ernerf/stream.h"
 #include "io/file.h"
 #include "media/image.h"
+#include "media/live/address.h"
 #include "media/live/descriptor_io.h"
+#include "media/live/http_listener.h"
 #include "media/live/picture_track.h"
 #include "media/video/video_sound.h"
 
 enum {
   MAX_RATE_PART = 1000000,
-  FRAGMENT = 80000 /* microseconds of an mp4 fragment */
+  FRAGMENT = 80000,       /* microseconds of an mp4 fragment of a stream */
+  FILE_FRAGMENT = 1000000 /* the same of a file: what a killed process loses */
 };
 
-/* muxer NULL: no container. endings: file extensions and URL schemes that select the format. */
+/* Each form plays up to where it is cut. muxer NULL: no container. endings: file extensions and URL schemes that select
+ * the format. */
 static const struct form {
   const char *name, *muxer, *endings[4];
   enum ern_picture_coding coding;
@@ -32,14 +37,13 @@ static const struct form {
              {"raw", NULL, {".rgba", NULL}, ERN_PICTURES_RAW, AV_CODEC_ID_NONE}};
 enum { FORMS = sizeof forms / sizeof *forms };
 
-enum target { TARGET_FILE, TARGET_PIPE, TARGET_ADDRESS };
+enum target { TARGET_FILE, TARGET_PIPE, TARGET_ADDRESS, TARGET_VIEWER /* of this program as an HTTP server */ };
 
 struct ern_stream_writer {
   ern_context *context;
   ern_stream_options options;
   const struct form *form;
   enum target target;
-  bool listens; /* HTTP */
   char *url;
   struct ern_file_writer file;
   struct ern_descriptor_io pipe;
@@ -49,8 +53,9 @@ struct ern_stream_writer {
   struct ern_sound_track sound;
   uint8_t *last; /* for "raw": the last picture */
   struct ern_provenance_texts provenance;
+  int64_t head, whole; /* bytes of a file: of its header; up to the end of its last whole packet */
   ern_status broken;
-  bool begun; /* the header is written */
+  char reason[ERN_ERROR_BYTES]; /* the text of `broken` */
 };
 
 /* ---- what is asked for ------------------------------------------------------------------------------------------- */
@@ -148,15 +153,10 @@ fail:
 static ern_status open_address(ern_stream_writer *w) {
   const AVIOInterruptCB interrupt = {w->options.stop, w->options.user};
   AVDictionary *options = NULL;
-  int error = 0;
-  if (w->listens) error = av_dict_set(&options, "listen", "1", 0);
-  if (error >= 0 && w->listens)
-    error = av_dict_set(&options, "content_type", w->form->muxer == forms[0].muxer ? "video/mp4" : "video/unknown", 0);
-  if (error >= 0 && strncmp(w->url, "udp://", 6) == 0) error = av_dict_set(&options, "pkt_size", "1316", 0);
+  int error = strncmp(w->url, "udp://", 6) == 0 ? av_dict_set(&options, "pkt_size", "1316", 0) : 0;
   if (error >= 0) error = avio_open2(&w->io, w->url, AVIO_FLAG_WRITE, &interrupt, &options);
   av_dict_free(&options);
-  return error >= 0 ? ERN_OK
-                    : ern_av_fail(w->context, ERN_E_IO, w->url, w->listens ? "serve a reader" : "write to it", error);
+  return error >= 0 ? ERN_OK : ern_av_fail(w->context, ERN_E_IO, w->url, "write to it", error);
 }
 
 static ern_status open_target(ern_stream_writer *w) {
@@ -164,40 +164,53 @@ static ern_status open_target(ern_stream_writer *w) {
   if (w->target == TARGET_ADDRESS) return open_address(w);
   w->pipe.stop = w->options.stop;
   w->pipe.user = w->options.user;
-  return ern_descriptor_io_open(w->context, w->url, true, &w->pipe);
+  if (w->target == TARGET_PIPE) return ern_descriptor_io_open(w->context, w->url, true, &w->pipe);
+  return ern_http_serve(w->context, w->url, w->form == &forms[0] ? "video/mp4" : "video/unknown", &w->pipe);
 }
 
-static AVIOContext *io_of(const ern_stream_writer *w) { return w->target == TARGET_PIPE ? w->pipe.io : w->io; }
+static AVIOContext *io_of(const ern_stream_writer *w) { return w->pipe.io != NULL ? w->pipe.io : w->io; }
 
-/* Writes the container's header. A live stream is flushed after each picture; an mp4 on an output without seeking is
- * fragmented. */
+/* Hands all bytes to the output. Those of a file are then whole packets. */
+static ern_status flush(ern_stream_writer *w) {
+  AVIOContext *io = io_of(w);
+  avio_flush(io);
+  if (io->error < 0) return ern_av_fail(w->context, ERN_E_IO, w->url, "write", io->error);
+  w->whole = avio_tell(io);
+  return ERN_OK;
+}
+
+static int set_head_options(const ern_stream_writer *w, AVDictionary **options) {
+  const bool file = w->target == TARGET_FILE;
+  const char *muxer = w->form->muxer;
+  int error = 0;
+  if (strcmp(muxer, "mp4") == 0) {
+    error = av_dict_set(options, "movflags", "+empty_moov+delay_moov+default_base_moof+use_metadata_tags", 0);
+    if (error >= 0) error = av_dict_set_int(options, "frag_duration", file ? FILE_FRAGMENT : FRAGMENT, 0);
+  }
+  if (!file && strcmp(muxer, "flv") == 0) error = av_dict_set(options, "flvflags", "no_duration_filesize", 0);
+  if (strcmp(muxer, "matroska") == 0) /* of a file: milliseconds of a cluster */
+    error = file ? av_dict_set_int(options, "cluster_time_limit", FILE_FRAGMENT / 1000, 0)
+                 : av_dict_set(options, "live", "1", 0);
+  return error;
+}
+
+/* Writes the container's header. All is flushed after each packet, so that a killed process leaves what plays. */
 static ern_status write_head(ern_stream_writer *w) {
   AVFormatContext *container = w->muxer.container;
   AVDictionary *options = NULL;
   if (container == NULL) return ERN_OK;
   container->pb = io_of(w);
-  const bool file = w->target == TARGET_FILE;
-  const char *flags =
-      file ? "+faststart+use_metadata_tags" : "+empty_moov+delay_moov+default_base_moof+use_metadata_tags";
-  if (!file) container->flags |= AVFMT_FLAG_FLUSH_PACKETS;
-  if (!file) container->max_interleave_delta = AV_TIME_BASE / 5;
+  container->flags |= AVFMT_FLAG_FLUSH_PACKETS;
+  if (w->target != TARGET_FILE) container->max_interleave_delta = AV_TIME_BASE / 5;
   container->max_delay = 0;
-  int error = strcmp(w->form->muxer, "mp4") == 0 ? av_dict_set(&options, "movflags", flags, 0) : 0;
-  if (error >= 0 && !file && strcmp(w->form->muxer, "mp4") == 0)
-    error = av_dict_set_int(&options, "frag_duration", FRAGMENT, 0);
-  if (error >= 0 && !file && strcmp(w->form->muxer, "flv") == 0)
-    error = av_dict_set(&options, "flvflags", "no_duration_filesize", 0);
-  if (error >= 0 && !file && strcmp(w->form->muxer, "matroska") == 0) error = av_dict_set(&options, "live", "1", 0);
+  int error = set_head_options(w, &options);
   if (error >= 0) error = avformat_write_header(container, &options);
   if (error >= 0) error = container->pb->error;
   av_dict_free(&options);
   if (error < 0) return ern_av_fail(w->context, ERN_E_IO, w->url, "write the head of the stream", error);
-  w->begun = true;
-  return ERN_OK;
-}
-
-static enum target target_of(const char *url) {
-  return strstr(url, "://") != NULL ? TARGET_ADDRESS : ern_is_pipe(url) ? TARGET_PIPE : TARGET_FILE;
+  const ern_status status = flush(w);
+  w->head = w->whole;
+  return status;
 }
 
 ern_status ern_stream_writer_open(ern_context *context, const char *url, const ern_stream_options *options,
@@ -211,6 +224,7 @@ ern_status ern_stream_writer_open(ern_context *context, const char *url, const e
   ern_status status = ERN_OK;
   ern_stream_writer *made = NULL;
   ern_stream_options chosen = ern_stream_options_default(0, 0);
+  const char *path = NULL;
   ern_av_disable_log();
   ERN_TRY(ERN_COPY_IN_CONFIG(context, ern_stream_options, &chosen, options));
   ERN_TRY(check_options(context, url, &chosen));
@@ -218,9 +232,12 @@ ern_status ern_stream_writer_open(ern_context *context, const char *url, const e
   made->context = context;
   made->options = chosen;
   made->file.descriptor = -1;
-  made->target = target_of(url);
-  made->listens = strncmp(url, "http://", 7) == 0;
-  ERN_TRY(ern_string_copy(context, url, &made->url));
+  ERN_TRY(ern_address_parse(context, url, &path));
+  made->target = strncmp(url, "http://", 7) == 0 ? TARGET_VIEWER
+                 : path == NULL                  ? TARGET_ADDRESS
+                 : ern_is_pipe(path)             ? TARGET_PIPE
+                                                 : TARGET_FILE;
+  ERN_TRY(ern_string_copy(context, path != NULL ? path : url, &made->url));
   ERN_TRY(choose_form(made));
   ERN_TRY(open_tracks(made));
   ERN_TRY(ern_provenance_texts_make(context, chosen.provenance, &made->provenance));
@@ -241,8 +258,7 @@ static ern_status write_raw(ern_stream_writer *w, const uint8_t *rgba) {
   AVIOContext *io = io_of(w);
   if (rgba != NULL) memcpy(w->last, rgba, bytes);
   avio_write(io, w->last, (int)bytes);
-  if (w->target != TARGET_FILE) avio_flush(io);
-  return io->error >= 0 ? ERN_OK : ern_av_fail(w->context, ERN_E_IO, w->url, "write", io->error);
+  return flush(w);
 }
 
 static ern_status write_frame(ern_stream_writer *w, const uint8_t *rgba, const float *samples, size_t frames) {
@@ -250,6 +266,7 @@ static ern_status write_frame(ern_stream_writer *w, const uint8_t *rgba, const f
   if (w->form->muxer == NULL) return write_raw(w, rgba);
   if (w->sound.codec != NULL && frames > 0) ERN_TRY(ern_sound_track_add(&w->muxer, &w->sound, samples, frames));
   ERN_TRY(ern_picture_track_add(&w->muxer, &w->pictures, rgba));
+  ERN_TRY(flush(w));
 fail:
   return status;
 }
@@ -262,21 +279,21 @@ ern_status ern_stream_writer_frame(ern_stream_writer *writer, const uint8_t *rgb
   if (writer->broken != ERN_OK)
     return ern_fail(writer->context, writer->broken, "%s: an earlier call failed, nothing more can be written",
                     writer->url);
-  return writer->broken = or_stopped(writer, write_frame(writer, rgba, samples, frames));
+  writer->broken = or_stopped(writer, write_frame(writer, rgba, samples, frames));
+  if (writer->broken != ERN_OK) (void)ern_last_error_copy(writer->context, writer->reason, sizeof writer->reason);
+  return writer->broken;
 }
 
 /* Flushes the encoders, writes the trailer, closes the file. */
 static ern_status finish(ern_stream_writer *w) {
   AVFormatContext *container = w->muxer.container;
   ern_status status = ERN_OK;
-  if (w->broken != ERN_OK)
-    ERN_TRY(ern_fail(w->context, w->broken, "%s: an earlier call failed, the stream is not complete", w->url));
+  if (w->broken != ERN_OK) return ern_fail(w->context, w->broken, "%s", w->reason);
   if (container != NULL) {
     if (w->target == TARGET_FILE && w->pictures.count == 0)
       ERN_TRY(ern_fail(w->context, ERN_E_STATE, "%s: not made, for it has 0 frames, expected 1 or more", w->url));
     if (w->sound.codec != NULL) ERN_TRY(ern_sound_track_add(&w->muxer, &w->sound, NULL, 0));
     ERN_TRY(ern_muxer_encode(&w->muxer, w->pictures.codec, w->pictures.stream, NULL));
-    w->begun = false;
     const bool boxed = w->target == TARGET_FILE && strcmp(w->form->muxer, "mp4") == 0;
     ERN_TRY(ern_muxer_end(&w->muxer, boxed ? w->provenance.xmp : NULL));
   }
@@ -290,11 +307,26 @@ fail:
   return or_stopped(w, status);
 }
 
+/* Puts a file in place that could not be written to its end: cut after its last whole packet. */
+static ern_status keep_cut(ern_stream_writer *w, ern_status why) {
+  ern_status status = ERN_OK;
+  (void)ern_last_error_copy(w->context, w->reason, sizeof w->reason);
+  if (w->io != NULL) (void)avio_closep(&w->io);
+  if (ftruncate(w->file.descriptor, w->whole) != 0) ERN_TRY(ern_file_fail(w->context, w->url, "cut"));
+  ERN_TRY(ern_file_writer_commit(&w->file));
+  return ern_fail(w->context, why, "%s; the file is kept up to there: it is cut", w->reason);
+fail:
+  return status;
+}
+
 ern_status ern_stream_writer_close(ern_stream_writer **writer) {
   ERN_PLAIN_FLOATS;
   ERN_NEED(NULL, writer);
   ERN_NEED(NULL, *writer);
-  const ern_status status = finish(*writer);
+  ern_status status = finish(*writer);
+  const bool fails = status != ERN_OK && status != ERN_E_CANCELLED;
+  if (fails && (*writer)->file.temporary != NULL && (*writer)->whole > (*writer)->head)
+    status = keep_cut(*writer, status);
   ern_stream_writer_abandon(writer);
   return status;
 }

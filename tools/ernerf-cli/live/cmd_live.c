@@ -253,20 +253,21 @@ static int open_live(struct live_job *job) {
   return ern_live_open(job->session.context, &options, &job->live) == ERN_OK ? 0 : session_fail(&job->session);
 }
 
-/* A file to be created or replaced, not a pipe or device, which is written to directly. */
-static bool is_file(const char *url) {
+/* The path of a file that `url` names, which is created or replaced; NULL: an address, a pipe or a device, which is
+ * written to directly. */
+static const char *file_of(const char *url) {
+  const char *path = url != NULL ? ern_stream_file(url) : NULL;
   struct stat there;
-  if (strcmp(url, "-") == 0 || strstr(url, "://") != NULL) return false;
-  return stat(url, &there) != 0 || S_ISREG(there.st_mode) || S_ISDIR(there.st_mode);
+  if (path == NULL || strcmp(path, "-") == 0) return NULL;
+  return stat(path, &there) != 0 || S_ISREG(there.st_mode) || S_ISDIR(there.st_mode) ? path : NULL;
 }
 
 static int open_all(struct live_job *job, const struct args *args) {
   struct session *session = &job->session;
+  const char *file = file_of(job->output.url);
   int status = 0;
-  if (is_file(job->output.url) && !session_folder_there(job->output.url))
-    return session_fail_with(session, "%s: its folder is not there", job->output.url);
-  if (is_file(job->output.url)) status = session_check_output(session, job->output.url);
-  if (status == 0 && is_file(job->output.url)) status = provenance_check(&job->provenance, session, job->output.url);
+  if (file != NULL) status = session_check_output(session, file);
+  if (status == 0 && file != NULL) status = provenance_check(&job->provenance, session, file);
   job->portrait.source.memory = 1;
   job->portrait.render.frame_rate = (float)rate_value(job->rate);
   if (status == 0) status = open_portrait(job, args);
@@ -299,11 +300,12 @@ static json_t *about_output(const struct live_job *job) {
   const char *slash = strrchr(job->output.url, '/');
   char rate[RATE_TEXT_BYTES];
   rate_words(job->rate, rate);
-  return json_pack("{s:o, s:I, s:I, s:s, s:i, s:i, s:b, s:o}", "output",
+  return json_pack("{s:o, s:I, s:I, s:s, s:i, s:i, s:b, s:o, s:o*}", "output",
                    session_text(slash != NULL ? slash + 1 : job->output.url), "frames",
                    (json_int_t)atomic_load(&job->output.written), "drawn", (json_int_t)job->drawn, "rate", rate,
                    "width", job->size.width, "height", job->size.height, "sound", true, "rate_control",
-                   job->unpaced ? json_null() : rate_control_json(&job->rate_control));
+                   job->unpaced ? json_null() : rate_control_json(&job->rate_control), "cut",
+                   job->output.kept ? json_true() : NULL);
 }
 
 static int finish(struct live_job *job, int status) {
@@ -313,11 +315,16 @@ static int finish(struct live_job *job, int status) {
   if (error != NULL && mute && job->frames == 0) status = session_fail_with(session, "%s", error);
   if (error != NULL && status == 0) session_warn(session, "%s", error);
   free(error);
-  if (status != 0) return live_output_fail(&job->output);
+  if (status != 0) {
+    status = live_output_fail(&job->output);
+    if (job->output.kept) (void)provenance_write(&job->provenance, session, about_output(job));
+    return status;
+  }
   live_sound_stop(&job->sound);
   live_control_stop(&job->commands);
-  const int closed = live_output_close(&job->output, stopped && !is_file(job->output.url));
-  if (closed != 0 || provenance_write(&job->provenance, session, about_output(job)) != 0) return EXIT_FAILURE;
+  const int closed = live_output_close(&job->output, stopped && file_of(job->output.url) == NULL);
+  if (closed != 0 && !job->output.kept) return EXIT_FAILURE;
+  if (provenance_write(&job->provenance, session, about_output(job)) != 0 || closed != 0) return EXIT_FAILURE;
   const unsigned long long written = atomic_load(&job->output.written);
   session_note(session, "live: %llu frames written, %llu repeated, %llu left out: %s", written,
                (unsigned long long)job->repeated, atomic_load(&job->output.left_out), job->output.url);
@@ -396,9 +403,8 @@ int cmd_live(int argc, char **argv) {
   args_unlist(&args, "split frames eye smooth_lips speech-model speech-preset");
   int status = args_parse(&args, argc, argv);
   if (status < 0) status = check_usage(job, &args, slow_reader);
-  const char *const inputs[SESSION_INPUTS] = {
-      job->portrait.model_path, job->portrait.source.path, job->background_file, job->rate_control.front,
-      job->sound.url != NULL && is_file(job->sound.url) ? job->sound.url : NULL};
+  const char *const inputs[SESSION_INPUTS] = {job->portrait.model_path, job->portrait.source.path, job->background_file,
+                                              job->rate_control.front, file_of(job->sound.url)};
   memcpy(job->session.inputs, inputs, sizeof inputs);
   if (job->sound.url == NULL) job->sound.keeps_running = true;
   if (status < 0) status = session_open(&job->session, &args);

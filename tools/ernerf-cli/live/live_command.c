@@ -3,6 +3,7 @@
 #include <errno.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "live/live_job.h"
 
@@ -16,12 +17,22 @@ static void refuse(struct live_job *job, const char *reason) {
   live_control_answer(&job->commands, text);
 }
 
+/* Whether `url` names a file, not a device, that cannot be read; errno says why. */
+static bool is_unreadable(const char *url) {
+  const char *path = ern_stream_file(url);
+  return path != NULL && strcmp(path, "-") != 0 && !ern_sound_reader_is_device(url) && access(path, R_OK) != 0;
+}
+
 static void say(struct live_job *job, bool speaks, const char *rest) {
+  char text[LIVE_LINE];
   if (rest[0] == 0)
     refuse(job, speaks ? "say: expected a text" : "play: expected a file");
   else if (job->sound.url != NULL && !job->sound.keeps_running)
     refuse(job, "say and play: with --audio they need --stay, and are heard after its sound");
-  else if (!live_sound_say(&job->sound, speaks, rest))
+  else if (!speaks && is_unreadable(rest)) {
+    snprintf(text, sizeof text, "play: %.3500s: %s", rest, strerror(errno));
+    refuse(job, text);
+  } else if (!live_sound_say(&job->sound, speaks, rest))
     refuse(job, "say and play: 32 of them wait already");
   else
     live_control_answer(&job->commands, "ok");

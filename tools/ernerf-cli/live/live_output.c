@@ -4,6 +4,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 
 enum { LATE_BINS = 1001, TEXT_BYTES = 2048 };
 
@@ -57,12 +58,28 @@ static ern_status serve(struct live_output *output) {
   return status;
 }
 
+/* The file that the output names; false: there is none. */
+static bool find_file(const struct live_output *output, struct stat *file) {
+  const char *path = ern_stream_file(output->url);
+  return path != NULL && stat(path, file) == 0 && S_ISREG(file->st_mode);
+}
+
+/* Ends the stream; after an error too, as the writer then keeps what a file has. */
+static ern_status end_stream(struct live_output *output) {
+  struct stat before, after;
+  const bool was_there = find_file(output, &before);
+  const ern_status status = ern_stream_writer_close(&output->writer);
+  output->kept = status != ERN_OK && find_file(output, &after) && (!was_there || after.st_ino != before.st_ino);
+  return status;
+}
+
 static void *write_frames(void *user) {
   struct live_output *output = user;
   for (;;) {
     ern_status status = serve(output);
     const bool was_open = atomic_exchange(&output->open, false);
-    if (status == ERN_OK && !atomic_load(&output->given_up)) status = ern_stream_writer_close(&output->writer);
+    if (output->writer != NULL && status != ERN_E_CANCELLED && !atomic_load(&output->given_up))
+      status = end_stream(output);
     ern_stream_writer_abandon(&output->writer);
     if (status == ERN_OK) return NULL;
     output->cut = status == ERN_E_CANCELLED && was_open;

@@ -42,6 +42,7 @@ struct live_output {
   atomic_bool given_up;   /* drawing has failed: the stream gets no proper end, a file is not created */
   /* valid after the thread has ended */
   char *error; /* why the writer failed; NULL: it did not */
+  bool kept;   /* it failed, and a file was put in place that is cut */
   bool cut;    /* the reader had not received the whole stream by stop_at */
   atomic_ullong written, left_out, readers;
   atomic_uint late[1001]; /* histogram: frames by lateness in milliseconds; the last bin: 1000 or more */

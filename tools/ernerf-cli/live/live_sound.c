@@ -79,13 +79,22 @@ static void speak(struct live_sound *sound, const char *text) {
                "XX"
                "XX"
                "XX",
-               folder != NULL ? folder : "/tmp") >= (int)sizeof path)
+               folder != NULL ? folder : "/tmp") >= (int)sizeof path) {
+    remember(sound, "TMPDIR: the name of the folder is too long");
     return;
+  }
   const int file = mkstemp(path);
+  if (file < 0) {
+    char reason[TEXT_BYTES];
+    snprintf(reason, sizeof reason, "%.1500s: cannot make a file for the sound of a text (TMPDIR names its folder): %s",
+             path, strerror(errno));
+    remember(sound, reason);
+    return;
+  }
   char *voice = strdup(sound->voice), *words = strdup(text);
   pid_t child = -1;
   int state = -1, error = 0;
-  if (file >= 0 && voice != NULL && words != NULL) {
+  if (voice != NULL && words != NULL) {
     char *const arguments[] = {program, voice_option, voice, file_option, path, end, words, NULL};
     error = posix_spawnp(&child, program, NULL, NULL, arguments, environ);
     if (error != 0 || waitpid(child, &state, 0) != child) state = -1;
@@ -96,10 +105,8 @@ static void speak(struct live_sound *sound, const char *text) {
     remember(sound, "espeak-ng, which makes sound of a text, is not installed (apt install espeak-ng)");
   else
     remember(sound, "espeak-ng made no sound of the text; `espeak-ng --voices` lists what --voice may be");
-  if (file >= 0) {
-    (void)close(file);
-    (void)unlink(path);
-  }
+  (void)close(file);
+  (void)unlink(path);
   free(voice);
   free(words);
 }
@@ -161,7 +168,8 @@ int live_sound_start(struct live_sound *sound, struct session *session, ern_live
 void live_sound_await(const struct live_sound *sound, unsigned long long samples) {
   const struct timespec pause = {0, 2000000};
   struct stat there;
-  if (sound->url == NULL || stat(sound->url, &there) != 0 || !S_ISREG(there.st_mode)) return;
+  const char *file = ern_stream_file(sound->url);
+  if (file == NULL || stat(file, &there) != 0 || !S_ISREG(there.st_mode)) return;
   while (atomic_load(&sound->samples_pushed) < samples && !atomic_load(&sound->input_ended) && !session_interrupted())
     (void)nanosleep(&pause, NULL);
 }

@@ -36,9 +36,21 @@ static bool is_own(const char *path) {
   return about != NULL;
 }
 
-json_t *provenance_read(const char *output) {
-  char path[4096 + 32];
-  return snprintf(path, sizeof path, "%s.provenance.json", output) < (int)sizeof path ? read_own(path) : NULL;
+int provenance_read(struct session *session, const char *output, json_t **about) {
+  char path[4096 + 32], hash[65];
+  *about = snprintf(path, sizeof path, "%s.provenance.json", output) < (int)sizeof path ? read_own(path) : NULL;
+  const char *said = json_string_value(json_object_get(*about, "sha256"));
+  if (said == NULL) { /* it does not say which file it is about */
+    json_decref(*about);
+    *about = NULL;
+    return 0;
+  }
+  if (ern_file_sha256(session->context, output, hash) != ERN_OK) return session_fail(session);
+  if (strcmp(said, hash) == 0) return 0;
+  return session_fail_with(session,
+                           "%s: sha256 is \"%.64s\", expected \"%s\", that of %s, which was made anew since; "
+                           "expected the file that belongs to it, or none",
+                           path, said, hash, output);
 }
 
 /* Numbered pictures share one file, with "all" in place of the number. */
@@ -46,6 +58,7 @@ int provenance_check(struct provenance *provenance, struct session *session, con
   const char *percent = strchr(output, '%'), *mark = percent != NULL ? strchr(percent, 'd') : NULL;
   const size_t capacity = sizeof provenance->path;
   if (provenance->off) return 0;
+  provenance->output = output;
   const int bytes = mark != NULL ? snprintf(provenance->path, capacity, "%.*sall%s.provenance.json",
                                             (int)(percent - output), output, mark + 1)
                                  : snprintf(provenance->path, capacity, "%s.provenance.json", output);
@@ -94,7 +107,8 @@ int provenance_learn(struct provenance *provenance, struct session *session, con
 
 /* The members that are equal in all segments: an object. */
 static json_t *said_by_all(const json_t *says) {
-  static const char *const own[] = {"output", "version", "first_frame", "frames", "sound", "sound_file"}; /* of one */
+  static const char *const own[] = {"output", "sha256", "version",   "first_frame",
+                                    "frames", "sound",  "sound_file"}; /* of one */
   json_t *first = json_array_get(says, 0), *alike = json_is_object(first) ? json_copy(first) : json_object(), *value;
   const char *name;
   void *next;
@@ -147,10 +161,22 @@ const ern_provenance *provenance_of(const struct provenance *provenance) {
   return provenance->off ? NULL : &provenance->says;
 }
 
+/* Adds the hash of the output, which ties the file to it. Numbered pictures have none. */
+static int add_hash(struct provenance *provenance, struct session *session) {
+  char hash[65];
+  struct stat file;
+  if (stat(provenance->output, &file) != 0 || !S_ISREG(file.st_mode)) return 0;
+  if (ern_file_sha256(session->context, provenance->output, hash) != ERN_OK) return session_fail(session);
+  return json_object_set_new(provenance->about, "sha256", json_string(hash)) == 0
+             ? 0
+             : session_fail_with(session, "out of memory");
+}
+
 int provenance_write(struct provenance *provenance, struct session *session, json_t *more) {
   char *text = NULL;
   int status = 0;
-  if (provenance->path[0] != 0) {
+  if (provenance->path[0] != 0) status = add_hash(provenance, session);
+  if (provenance->path[0] != 0 && status == 0) {
     if (more != NULL && json_object_update(provenance->about, more) == 0)
       text = json_dumps(provenance->about, JSON_INDENT(2));
     if (text != NULL && provenance->replaces && is_own(provenance->path)) (void)unlink(provenance->path);

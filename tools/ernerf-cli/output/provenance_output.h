@@ -11,6 +11,7 @@ enum { PROVENANCE_OPTIONS = 1 };
 struct provenance {
   bool off; /* --no-provenance */
   ern_provenance says;
+  const char *output;
   char path[4096]; /* of the file beside the output; "": none */
   bool replaces;   /* overwrites an earlier such file, whose output was deleted */
   char id[128];
@@ -35,8 +36,9 @@ const ern_provenance *provenance_of(const struct provenance *provenance);
 /* Writes the file beside the output, including the members of `more`, whose reference is taken. */
 int provenance_write(struct provenance *provenance, struct session *session, json_t *more);
 
-/* Reads the file beside an output; NULL: there is none by this program. The caller owns the result. */
-json_t *provenance_read(const char *output);
+/* Reads the file beside an output; *about NULL: there is none by this program that says the output's hash. Fails where
+ * it says another hash: it is about an earlier output of that name. The caller owns *about, also then. */
+int provenance_read(struct session *session, const char *output, json_t **about);
 /* Used instead of provenance_learn for an output that is joined from `segments`. says: an array with the result of
  * provenance_read for each, null: none. sound: a file, NULL: none. */
 int provenance_join(struct provenance *provenance, struct session *session, char *const *segments, const json_t *says,

@@ -15,6 +15,7 @@
 #include <unistd.h>
 
 #include "ernerf/data.h"
+#include "ernerf/media.h"
 
 static volatile sig_atomic_t interrupted; /* number of the signal */
 static int stopped_by;                    /* the signal that session_stop_with reported */
@@ -427,24 +428,11 @@ int session_check_json_not_input(struct session *session, const char *folder) {
 }
 
 static int keep_clip(struct session *session, const char *clip, const char *output) {
-  static const char *const files[] = {"transforms_train.json",
-                                      "transforms_val.json",
-                                      "bc.jpg",
-                                      "aud_ds.npy",
-                                      "aud_eo.npy",
-                                      "aud_hu.npy",
-                                      "aud.npy",
-                                      "aud_cep.npy",
-                                      "au.csv",
-                                      "aud.wav"};
-  static const char *const folders[] = {"gt_imgs", "torso_imgs", "ori_imgs"};
   char path[4096];
-  for (size_t i = 0; i < sizeof files / sizeof *files; i++) {
-    snprintf(path, sizeof path, "%s/%s", clip, files[i]);
+  const char *name;
+  for (size_t i = 0; (name = ern_clip_content(i)) != NULL; i++) {
+    if (snprintf(path, sizeof path, "%s/%s", clip, name) >= (int)sizeof path) continue; /* nobody can open it */
     if (keep_file(session, path, output) != 0) return EXIT_FAILURE;
-  }
-  for (size_t i = 0; i < sizeof folders / sizeof *folders; i++) {
-    snprintf(path, sizeof path, "%s/%s", clip, folders[i]);
     if (session_lies_in(output, path))
       return session_fail_with(session, "%s: is among the clip's pictures in %s, expected another folder", output,
                                path);

@@ -56,7 +56,11 @@ static int read_says(struct join_job *job) {
   job->says = json_array();
   job->provenance.off = true;
   for (size_t k = 0; k < job->count; k++) {
-    json_t *says = provenance_read(job->segments[k]);
+    json_t *says = NULL;
+    if (provenance_read(&job->session, job->segments[k], &says) != 0) {
+      json_decref(says);
+      return EXIT_FAILURE;
+    }
     if (says != NULL) job->provenance.off = false;
     if (json_array_append_new(job->says, says != NULL ? says : json_null()) != 0)
       return session_fail_with(&job->session, "no memory");

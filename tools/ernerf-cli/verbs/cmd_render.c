@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * ernerf render: renders a video or pictures from a model, speech and head poses. */
 #include <inttypes.h>
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -230,9 +231,9 @@ static int open_sound(struct render_job *job) {
   job->sound_start = frame_source_seconds(&job->frame_source, 0);
   const double there = (double)job->sound.frames / job->sound.rate - job->sound_start;
   const double needed = (double)job->frame_source.count / rate_value(job->rate);
-  const double spare =
-      job->frame_source.frame != NULL ? 1 : 0.5; /* frames; at another rate the last one may outlast the clip */
-  if (there < needed - spare / rate_value(job->rate))
+  /* less than a frame, of the output or of the speech, 25 a second: the last one may outlast the sound */
+  const double spare = fmax(1 / rate_value(job->rate), 1.0 / RATE_CLIP);
+  if (there < needed - spare)
     session_warn(session, "%s: %.2f s of sound from the first frame on, the pictures last %.2f s: the rest is silent",
                  path, there > 0 ? there : 0, needed);
   check_consecutive(job);
