@@ -6,6 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "core/format.h"
 #include "io/file.h"
 #include "media/speech_network.h"
 #include "prepare/face_detector.h"
@@ -368,9 +369,9 @@ fail:
 static void describe_part(const struct scan *s, double from, double to, char text[128]) {
   int used = 0;
   text[0] = 0;
-  if (from > 0) used += snprintf(text, 128, " --from %g", from);
-  if (to > 0) used += snprintf(text + used, 128 - (size_t)used, " --to %g", to);
-  if (used > 0 && s->end > 0) snprintf(text + used, 128 - (size_t)used, " of a video of %.2f s", s->end);
+  if (from > 0) used += ern_format(text, 128, " --from %g", from);
+  if (to > 0) used += ern_format(text + used, 128 - (size_t)used, " --to %g", to);
+  if (used > 0 && s->end > 0) ern_format(text + used, 128 - (size_t)used, " of a video of %.2f s", s->end);
 }
 
 /* Adds the verdicts that are known before cropping; false where the video is refused. */

@@ -9,6 +9,7 @@
 #include <sys/stat.h>
 
 #include "core/floats.h"
+#include "core/format.h"
 #include "core/memory.h"
 #include "io/landmarks.h"
 #include "media/clip/clip.h"
@@ -36,7 +37,7 @@ static void add_line(struct report *report, int ok, const char *format, ...) {
   char sentence[SENTENCE_BYTES];
   va_list arguments;
   va_start(arguments, format);
-  vsnprintf(sentence, sizeof sentence, format, arguments);
+  ern_format_list(sentence, sizeof sentence, format, arguments);
   va_end(arguments);
   report->say(report->user, ok, sentence);
   report->lacks = report->lacks || ok != THERE;
