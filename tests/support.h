@@ -4,13 +4,16 @@
 #define ERN_TESTS_SUPPORT_H
 
 #include <dirent.h>
+#include <locale.h>
 #include <setjmp.h>
 #include <stdarg.h>
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 #include <cmocka.h>
 
@@ -40,6 +43,21 @@ static inline void support_write(const char *path, const void *bytes, size_t cou
 }
 
 static inline void support_write_text(const char *path, const char *text) { support_write(path, text, strlen(text)); }
+
+/* Makes the locale comma_XX in the working folder, where a real number is written 0,5, and lets setlocale find it. Few
+ * machines have one of their own. Returns false, with a message, where none can be made. */
+static inline bool support_comma_locale(void) {
+  char here[512];
+  support_write_text("comma_XX.src",
+                     "LC_NUMERIC\ndecimal_point \",\"\nthousands_sep \"\"\ngrouping -1\nEND LC_NUMERIC\n"
+                     "LC_CTYPE\nEND LC_CTYPE\n");
+  (void)system("localedef -c -i comma_XX.src -f ANSI_X3.4-1968 ./comma_XX >comma.log 2>&1");
+  const bool made =
+      getcwd(here, sizeof here) != NULL && setenv("LOCPATH", here, 1) == 0 && setlocale(LC_NUMERIC, "comma_XX") != NULL;
+  setlocale(LC_NUMERIC, "C");
+  if (!made) print_message("skipped: no locale can be made here (Debian's package locales)\n");
+  return made;
+}
 
 /* Checks the status, and that the last error contains each of the texts; the list ends with NULL. */
 static inline void support_expect(const ern_context *context, ern_status found, ern_status expected, ...) {

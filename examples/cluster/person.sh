@@ -4,6 +4,7 @@
 # OUT/NAME/eval.json. What fails is told in OUT/NAME/failed.txt, and the exit status is 0, so that the others go on; the same
 # command again begins where it failed. Options are those of ernerf train. Usage: person.sh INPUT OUT [options]
 set -uo pipefail
+export LC_ALL=C
 input=${1%/} out=$2
 shift 2
 name=${input##*/}

@@ -3,6 +3,7 @@
 # Segment NUMBER (from 0) of a video: frames NUMBER*EACH and on, EACH of them or what is left, to PARTS/NNNNNNN.mp4. A segment
 # that is there stays. Usage: segment.sh MODEL CLIP PARTS FRAMES EACH NUMBER [options of ernerf render]
 set -euo pipefail
+export LC_ALL=C
 model=$1 clip=$2 parts=$3 frames=$4 each=$5 number=$6
 shift 6
 begin=$((number * each)) end=$((number * each + each))

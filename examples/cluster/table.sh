@@ -3,6 +3,7 @@
 # The table of what person.sh made of many, by name; a person that failed is named with the step and its last words.
 # Usage: table.sh OUT
 set -euo pipefail
+export LC_ALL=C
 failed=0 all=0
 printf '%-24s %8s %8s %10s\n' name PSNR SSIM 'mouth dB'
 for own in "$1"/*/; do

@@ -30,7 +30,7 @@ typedef struct ern_live_options {
   uint32_t cookie, size;    /* set by ern_live_options_default() */
   int rate, channels;       /* of the sound that is pushed: 1000..384000 samples a second, 1..8; default 48000, 1, as of
                                ern_sound_reader_options. The session computes the built-in features
-                               (ERN_SPEECH_CEPSTRA) of the mean of the channels */
+                               (ERN_SPEECH_CEPSTRA) of all channels (ern_speech_stream_open) */
   int window_length, width; /* of windows of features that are pushed instead of sound, 1..16, 1..4096; default 0, 0:
                                sound is pushed. A window has window_length vectors of `width` numbers and belongs to one
                                frame at 25 a second (ern_features) */

@@ -399,6 +399,8 @@ typedef struct ern_clip_measures {
 } ern_clip_measures;
 /* The least range of eye values that is a blink: a tenth of open to closed, about one pixel of lid at 512 x 512. */
 #define ERN_CLIP_BLINK 0.1
+/* The least feature_change of speech: below, the features are the same in every window. */
+#define ERN_CLIP_SPEECH 1e-3
 /* Reads the pictures that it looks at. */
 ERN_API ERN_NODISCARD ern_status ern_clip_measure_sized(ern_clip *clip, ern_clip_measures *measures, size_t bytes);
 static inline ERN_NODISCARD ern_status ern_clip_measure(ern_clip *clip, ern_clip_measures *measures) {

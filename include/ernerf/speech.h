@@ -23,18 +23,19 @@ enum { ERN_SPEECH_WIDTH = 13 }; /* coefficients a row */
 /* Computes rows of built-in features from sound that comes in piece by piece. One thread at a time uses a stream. */
 typedef struct ern_speech_stream ern_speech_stream;
 
-/* rate: samples a second, 1000..384000. channels: 1..8; the features are computed from their mean. warp: 0.5..2, 1 for
- * the sound as it is. The centre frequencies of the mel filters are multiplied by warp, which imitates a speaker with a
- * vocal tract of another length. On success the caller owns *stream. */
+/* rate: samples a second, 1000..384000. channels: 1..8; the features are computed from their mean, and where it loses
+ * most of their energy, as with right = -left, from the loudest of them. warp: 0.5..2, 1 for the sound as it is. The
+ * centre frequencies of the mel filters are multiplied by warp, which imitates a speaker with a vocal tract of another
+ * length. On success the caller owns *stream. */
 ERN_API ERN_NODISCARD ern_status ern_speech_stream_open(ern_context *context, int rate, int channels, float warp,
                                                         ern_speech_stream **stream);
 ERN_API void ern_speech_stream_free(ern_speech_stream **stream); /* accepts NULL and a pointer to NULL */
 
 /* samples: [frames][channels], full scale is 1. The rows are the same, bit for bit, however the sound is divided among
- * calls. A frame here is one sample of each channel. A frame whose mean over the channels is not finite is
- * ERN_E_NONFINITE, one whose mean is beyond 1e6 ERN_E_FORMAT; the error text has its time. The frames before it have
- * then been taken, it and those after it have not; further sound can be pushed. After ERN_E_NO_MEMORY or ERN_E_MEDIA
- * rows are missing, and every later push or end is ERN_E_STATE. */
+ * calls. A frame here is one sample of each channel. A sample that is not finite is ERN_E_NONFINITE, one beyond 1e6
+ * ERN_E_FORMAT; the error text has its time. The frames before its frame have then been taken, it and those after it
+ * have not; further sound can be pushed. After ERN_E_NO_MEMORY or ERN_E_MEDIA rows are missing, and every later push or
+ * end is ERN_E_STATE. */
 ERN_API ERN_NODISCARD ern_status ern_speech_stream_push(ern_speech_stream *stream, const float *samples, size_t frames);
 
 /* Ends the sound: computes the last rows, as if silence followed. Every later push is ERN_E_STATE, and a second end

@@ -4,6 +4,7 @@
 #include <stdio.h>
 
 #include "backend_opencl/opencl.h"
+#include "core/format.h"
 
 enum {
   OPTION_BYTES = 2048,
@@ -30,7 +31,7 @@ static void say(struct plan *plan, const char *format, ...) {
   va_list values;
   va_start(values, format);
   const size_t left = sizeof plan->options - plan->used;
-  const int length = vsnprintf(plan->options + plan->used, left, format, values);
+  const int length = ern_format_list(plan->options + plan->used, left, format, values);
   va_end(values);
   if (length < 0 || (size_t)length >= left)
     plan->used = sizeof plan->options - 1; /* does not happen: the longest options take a third of it */

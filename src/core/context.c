@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "core/format.h"
 #include "core/memory.h"
 #include "core/sized.h"
 #include "core/status.h"
@@ -86,7 +87,7 @@ ern_status ern_fail(ern_context *context, ern_status code, const char *format, .
   char text[ERN_ERROR_BYTES];
   va_list arguments;
   va_start(arguments, format);
-  vsnprintf(text, sizeof text, format, arguments);
+  ern_format_list(text, sizeof text, format, arguments);
   va_end(arguments);
   pthread_mutex_lock(&context->mutex);
   memcpy(context->error_text, text, sizeof text);
@@ -111,7 +112,7 @@ void ern_log(ern_context *context, ern_log_level level, const char *format, ...)
   char text[ERN_ERROR_BYTES];
   va_list arguments;
   va_start(arguments, format);
-  vsnprintf(text, sizeof text, format, arguments);
+  ern_format_list(text, sizeof text, format, arguments);
   va_end(arguments);
   context->config.log(context->config.user, level, text);
 }

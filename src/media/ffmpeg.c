@@ -7,6 +7,7 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "core/format.h"
 #include "core/memory.h"
 #include "media/image.h"
 #include "media/input.h"
@@ -261,7 +262,9 @@ ern_status ern_muxer_end(struct ern_muxer *muxer, const char *xmp) {
   uint8_t *box = NULL;
   size_t bytes = 0;
   ern_status status = ERN_OK;
+  const locale_t host = ern_locale_plain(); /* Matroska has its duration as text */
   const int error = av_write_trailer(muxer->container);
+  ern_locale_restore(host);
   if (error < 0) ERN_TRY(ern_av_fail(muxer->context, ERN_E_IO, muxer->path, "write the tail", error));
   if (xmp != NULL) {
     avio_flush(io);
@@ -278,7 +281,7 @@ fail:
   return status;
 }
 
-ern_status ern_muxer_encode(struct ern_muxer *muxer, AVCodecContext *codec, AVStream *stream, const AVFrame *frame) {
+static ern_status encode(struct ern_muxer *muxer, AVCodecContext *codec, AVStream *stream, const AVFrame *frame) {
   ern_context *context = muxer->context;
   int error = avcodec_send_frame(codec, frame);
   if (error < 0) return ern_av_fail(context, ERN_E_MEDIA, muxer->path, "encode", error);
@@ -292,4 +295,11 @@ ern_status ern_muxer_encode(struct ern_muxer *muxer, AVCodecContext *codec, AVSt
     if (error >= 0) error = muxer->container->pb->error;
     if (error < 0) return ern_av_fail(context, ERN_E_IO, muxer->path, "write", error);
   }
+}
+
+ern_status ern_muxer_encode(struct ern_muxer *muxer, AVCodecContext *codec, AVStream *stream, const AVFrame *frame) {
+  const locale_t host = ern_locale_plain(); /* x264 writes its settings into the stream, as text */
+  const ern_status status = encode(muxer, codec, stream, frame);
+  ern_locale_restore(host);
+  return status;
 }

@@ -10,16 +10,18 @@
 #include "ernerf/speech.h"
 #include "media/cepstra.h"
 #include "media/ffmpeg.h"
+#include "media/mono.h"
 
-enum { MOST_RATE = 384000, MOST_CHANNELS = 8, HALF_OVERLAP = (ERN_CEPSTRA_FRAME - ERN_CEPSTRA_HOP) / 2 };
+enum { MOST_RATE = 384000, MOST_CHANNELS = ERN_MONO_MOST, HALF_OVERLAP = (ERN_CEPSTRA_FRAME - ERN_CEPSTRA_HOP) / 2 };
 
 struct ern_speech_stream {
   ern_context *context;
   int rate, channels;
   struct ern_cepstra *cepstra;
   SwrContext *resampler;
-  float *block; /* [block_frames] mono, at the sound's rate: the resampler gets only blocks of this size, */
-  size_t block_frames, filled;    /* so that the rows do not depend on how the caller cut the sound */
+  struct ern_mono mono;
+  float *wide, *block; /* [block_frames][channels] as pushed, [block_frames] mono, at the sound's rate: the resampler */
+  size_t block_frames, filled; /* gets only whole blocks, so that rows do not depend on how the caller cut the sound */
   float frame[ERN_CEPSTRA_FRAME]; /* the first `waiting` samples of the next row */
   size_t waiting;                 /* samples in `frame` */
   float *row;                     /* [row_capacity][13]: computed and not yet pulled */
@@ -56,6 +58,7 @@ ern_status ern_speech_stream_open(ern_context *context, int rate, int channels, 
   s->channels = channels;
   s->block_frames = (size_t)rate / 100;
   s->waiting = HALF_OVERLAP; /* zeros before the sound */
+  ERN_TRY(ERN_NEW(context, s->block_frames * (size_t)channels, &s->wide));
   ERN_TRY(ERN_NEW(context, s->block_frames, &s->block));
   ERN_TRY(ern_cepstra_make(context, warp, &s->cepstra));
   ERN_TRY(make_resampler(s));
@@ -72,6 +75,7 @@ void ern_speech_stream_free(ern_speech_stream **stream) {
   *stream = NULL;
   swr_free(&s->resampler);
   ern_cepstra_free(s->context, s->cepstra);
+  ern_release(s->context, s->wide);
   ern_release(s->context, s->block);
   ern_release(s->context, s->row);
   ern_release(s->context, s);
@@ -110,8 +114,10 @@ static ern_status take_samples(ern_speech_stream *s, const float *samples, size_
   return ERN_OK;
 }
 
-/* Resamples the block; count 0: flushes the resampler. */
+/* Mixes and resamples the block; count 0: flushes the resampler. */
 static ern_status resample(ern_speech_stream *s, size_t count) {
+  if (ern_mono_mix(&s->mono, s->block, s->wide, s->channels, count, s->rate))
+    ern_log(s->context, ERN_LOG_WARNING, "speech: " ERN_MONO_WORDS);
   float out[1024];
   const uint8_t *from = (const uint8_t *)s->block;
   for (int given = (int)count;; given = 0) {
@@ -139,14 +145,15 @@ ern_status ern_speech_stream_push(ern_speech_stream *stream, const float *sample
   if (s->failed != ERN_OK) return refuse_failed(s);
   if (s->ended) return ern_fail(s->context, ERN_E_STATE, "speech: the sound has ended, no more can be pushed");
   for (size_t i = 0; i < frames; i++) {
-    double sum = 0;
-    for (int c = 0; c < s->channels; c++) sum += (double)samples[i * (size_t)s->channels + (size_t)c];
-    const double sample = sum / s->channels;
-    if (!isfinite(sample) || fabs(sample) > 1e6)
-      return ern_fail(s->context, isfinite(sample) ? ERN_E_FORMAT : ERN_E_NONFINITE,
-                      "speech: the sample at %.3f s is %g, expected a finite number, -1 to 1 as a rule",
-                      (double)s->pushed / s->rate, sample);
-    s->block[s->filled++] = (float)sample;
+    for (int c = 0; c < s->channels; c++) {
+      const float sample = samples[i * (size_t)s->channels + (size_t)c];
+      if (!isfinite(sample) || fabsf(sample) > 1e6f)
+        return ern_fail(s->context, isfinite(sample) ? ERN_E_FORMAT : ERN_E_NONFINITE,
+                        "speech: the sample at %.3f s is %g, expected a finite number, -1 to 1 as a rule",
+                        (double)s->pushed / s->rate, (double)sample);
+      s->wide[s->filled * (size_t)s->channels + (size_t)c] = sample;
+    }
+    s->filled++;
     s->pushed++;
     if (s->filled < s->block_frames) continue;
     const ern_status status = resample(s, s->filled);

@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "core/memory.h"
+#include "media/mono.h"
 #include "media/sound_decoder.h"
 #include "media/speech_network.h"
 
@@ -16,6 +17,7 @@ struct wave {
   const char *path;
   int rate, from; /* samples a second: wanted, and of the file */
   SwrContext *resampler;
+  struct ern_mono mono;
   float *samples; /* [capacity] */
   size_t count, capacity;
   uint64_t frames; /* of the file */
@@ -67,18 +69,16 @@ static ern_status take(void *user, int rate, int channels, const float *samples,
   struct wave *wave = user;
   float block[BLOCK];
   ern_status status = wave->from == 0 ? start(wave, rate) : ERN_OK;
-  for (size_t at = 0; at < frames && status == ERN_OK;) {
-    size_t count = 0;
-    for (; count < BLOCK && at < frames; count++, at++) {
-      double sum = 0;
-      for (int c = 0; c < channels; c++) sum += (double)samples[at * (size_t)channels + (size_t)c];
-      const double sample = sum / channels;
-      if (!isfinite(sample) || fabs(sample) > 1e6)
-        return ern_fail(wave->context, isfinite(sample) ? ERN_E_FORMAT : ERN_E_NONFINITE,
+  for (size_t at = 0, count = 0; at < frames && status == ERN_OK; at += count) {
+    count = frames - at < BLOCK ? frames - at : BLOCK;
+    const float *from = samples + at * (size_t)channels;
+    for (size_t i = 0; i < count * (size_t)channels; i++)
+      if (!isfinite(from[i]) || fabsf(from[i]) > 1e6f)
+        return ern_fail(wave->context, isfinite(from[i]) ? ERN_E_FORMAT : ERN_E_NONFINITE,
                         "%s: the sample at %.3f s is %g, expected a finite number, -1 to 1 as a rule", wave->path,
-                        (double)(wave->frames + at) / rate, sample);
-      block[count] = (float)sample;
-    }
+                        (double)(wave->frames + at + i / (size_t)channels) / rate, (double)from[i]);
+    if (ern_mono_mix(&wave->mono, block, from, channels, count, rate))
+      ern_log(wave->context, ERN_LOG_WARNING, "%s: " ERN_MONO_WORDS, wave->path);
     status = wave->resampler != NULL ? resample(wave, block, count) : append(wave, block, count);
   }
   wave->frames += frames;

@@ -7,6 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "core/format.h"
 #include "core/memory.h"
 #include "model/checkpoint.h"
 #include "model/kinds.h"
@@ -321,7 +322,7 @@ static void tell_view(const struct ern_torch_layout *l) {
                  {"torso_shrink", (double)own.torso_shrink, (double)view->torso_shrink}};
   for (size_t i = 0; i < sizeof numbers / sizeof *numbers; i++)
     if (numbers[i].own != numbers[i].found && used < sizeof words)
-      used += (size_t)snprintf(words + used, sizeof words - used, " --%s %g", numbers[i].name, numbers[i].found);
+      used += (size_t)ern_format(words + used, sizeof words - used, " --%s %g", numbers[i].name, numbers[i].found);
   if (used > 0) ern_log(l->context, ERN_LOG_WARNING, "%s: give the public program%s", l->path, words);
 }
 

@@ -7,6 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "core/format.h"
 #include "ernerf/data.h"
 #include "io/file.h"
 #include "io/landmarks.h"
@@ -191,8 +192,8 @@ static ern_status write_table(struct ern_prepare_job *job, const float *values, 
   ERN_TRY(ern_file_writer_open(job->context, path, ERN_EXISTING_REPLACE, &file));
   ERN_TRY(ern_file_writer_write(&file, head, strlen(head)));
   for (size_t i = 0; i < count; i++) {
-    const int length = snprintf(line, sizeof line, "%zu, %.3f, 1.00, 1, %.2f\n", i + 1,
-                                from + (double)i / ERN_PREPARE_RATE, (double)values[i]);
+    const int length = ern_format(line, sizeof line, "%zu, %.3f, 1.00, 1, %.2f\n", i + 1,
+                                  from + (double)i / ERN_PREPARE_RATE, (double)values[i]);
     ERN_TRY(ern_file_writer_write(&file, line, (size_t)length));
   }
   return ern_file_writer_commit(&file);

@@ -6,6 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "core/format.h"
 #include "io/file.h"
 #include "media/speech_network.h"
 #include "prepare/face_detector.h"
@@ -26,6 +27,7 @@ enum {
   THUMB = 32,                       /* pixels a side of the thumbnails that find cuts */
   QUALITY = 98,                     /* JPEG quality of ori_imgs */
   SOUND_RATE = 16000,               /* samples a second of aud.wav */
+  FAINTEST = 16,                    /* of 32767, -66 dB: no sample of a muted track is larger, dither included */
   PATIENCE = 60 * ERN_PREPARE_RATE, /* frames without a face after which the step gives up, */
   LONG_PATIENCE = 10 * PATIENCE,    /* and where it searches for a segment, which need not have the video's beginning */
   SEARCHED = 4 * ERN_PREPARE_FRAMES, /* most frames that are searched for a segment */
@@ -326,15 +328,15 @@ fail:
   return status;
 }
 
-/* Writes aud.wav, the sound of the clip's frames in mono; no file where the video has no sound. */
-static ern_status write_sound(struct scan *s) {
+/* Reads the sound of the clip's frames in mono, as it will be in aud.wav; none where the video has no sound. A track
+ * without speech is refused. */
+static ern_status read_sound(struct scan *s, ern_sound *sound) {
   ern_status status = ERN_OK;
   struct ern_prepare_job *job = s->job;
   struct ern_footage footage = {0};
   float *samples = NULL;
-  int16_t *data = NULL;
   size_t count = 0;
-  char path[ERN_PREPARE_PATH];
+  int loudest = 0;
   ERN_TRY(ern_footage_open(job, &footage));
   if (!footage.info.has_sound) goto fail;
   ERN_TRY(ern_speech_wave(job->context, job->video, SOUND_RATE, &samples, &count));
@@ -348,29 +350,38 @@ static ern_status write_sound(struct scan *s) {
         "the sound ends at %.2f s of the %.2f s of pictures, and silence follows; expected sound to the "
         "end, or --to %.2f",
         fmax(end, 0), wanted, footage.from + fmax(end, 0));
-  ERN_TRY(ERN_NEW(job->context, length, &data));
+  ERN_TRY(ERN_NEW(job->context, length, &sound->data));
+  *sound = (ern_sound){.rate = SOUND_RATE, .channels = 1, .frames = length, .data = sound->data};
   for (size_t i = 0; i < length; i++) {
     const long long at = first + (long long)i;
     const float value = at >= 0 && (size_t)at < count ? samples[at] : 0;
-    data[i] = (int16_t)lrintf(fminf(fmaxf(value, -1), 1) * 32767);
+    sound->data[i] = (int16_t)lrintf(fminf(fmaxf(value, -1), 1) * 32767);
+    if (abs(sound->data[i]) > loudest) loudest = abs(sound->data[i]);
   }
-  const ern_sound sound = {.rate = SOUND_RATE, .channels = 1, .frames = length, .data = data};
-  ERN_TRY(ern_prepare_register_output(job, "aud.wav", path));
-  ERN_TRY(ern_sound_write_wav(job->context, path, &sound));
+  if (loudest < FAINTEST && job->options->features == NULL)
+    ern_prepare_add_reason(job, ERN_PREPARE_REFUSED,
+                           "the sound of the part is silent, and a mouth cannot be learnt without speech; expected a "
+                           "video whose sound is not muted, or --features FILE.npy");
 fail:
   ern_release(job->context, samples);
-  ern_release(job->context, data);
   ern_footage_close(&footage);
   return status;
+}
+
+static ern_status write_sound(struct ern_prepare_job *job, const ern_sound *sound) {
+  char path[ERN_PREPARE_PATH];
+  if (sound->data == NULL) return ERN_OK;
+  const ern_status status = ern_prepare_register_output(job, "aud.wav", path);
+  return status == ERN_OK ? ern_sound_write_wav(job->context, path, sound) : status;
 }
 
 /* Text that describes --from and --to in the video; "" where neither is set. */
 static void describe_part(const struct scan *s, double from, double to, char text[128]) {
   int used = 0;
   text[0] = 0;
-  if (from > 0) used += snprintf(text, 128, " --from %g", from);
-  if (to > 0) used += snprintf(text + used, 128 - (size_t)used, " --to %g", to);
-  if (used > 0 && s->end > 0) snprintf(text + used, 128 - (size_t)used, " of a video of %.2f s", s->end);
+  if (from > 0) used += ern_format(text, 128, " --from %g", from);
+  if (to > 0) used += ern_format(text + used, 128 - (size_t)used, " --to %g", to);
+  if (used > 0 && s->end > 0) ern_format(text + used, 128 - (size_t)used, " of a video of %.2f s", s->end);
 }
 
 /* Adds the verdicts that are known before cropping; false where the video is refused. */
@@ -451,16 +462,19 @@ ern_status ern_prepare_face(struct ern_prepare_job *job) {
   ern_status status = ERN_OK;
   struct scan scan = {.job = job};
   double face = 0, region[4] = {0};
+  ern_sound sound = {0};
   bool found = false;
   ERN_TRY(ern_face_detector_make(job->context, job->options->detector, &scan.detector));
   ERN_TRY(scan_part(&scan, &found));
   if (!found || !check_scan(&scan)) goto fail;
+  ERN_TRY(read_sound(&scan, &sound));
+  if (job->verdict->grade == ERN_PREPARE_REFUSED) goto fail;
   ERN_TRY(drop_outliers(&scan, &face));
   place_crop(&scan, face, region);
   check_crop(&scan, face, region);
   ERN_TRY(begin_frames(&scan));
   ERN_TRY(write_frames(&scan, region));
-  ERN_TRY(write_sound(&scan));
+  ERN_TRY(write_sound(job, &sound));
   job->frames = scan.frames;
   ERN_TRY(ern_prepare_faces_write(job, scan.faces, take_faces(&scan, region)));
   json_t *crop =
@@ -469,6 +483,7 @@ ern_status ern_prepare_face(struct ern_prepare_job *job) {
   if (crop == NULL || json_object_set_new(job->record, "crop", crop) != 0)
     ERN_TRY(ern_fail(job->context, ERN_E_NO_MEMORY, "%s: no memory for its record", job->folder));
 fail:
+  ern_sound_free(job->context, &sound);
   ern_face_detector_free(&scan.detector);
   ern_release(job->context, scan.faces);
   return status;

@@ -7,6 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "core/format.h"
 #include "io/file.h"
 #include "prepare/bundle.h"
 #include "prepare/flow_tracks.h"
@@ -406,7 +407,7 @@ static ern_status write_support(struct tracking *t, const struct support *suppor
   ERN_TRY(ern_file_writer_write(&file, head, strlen(head)));
   for (size_t i = 0; i < t->job->frames; i++) {
     const float residual = isnan(support[i].residual) ? 99 : support[i].residual;
-    const int length = snprintf(line, sizeof line, "%zu,%.3f,%zu\n", i, (double)residual, support[i].seen);
+    const int length = ern_format(line, sizeof line, "%zu,%.3f,%zu\n", i, (double)residual, support[i].seen);
     ERN_TRY(ern_file_writer_write(&file, line, (size_t)length));
   }
   return ern_file_writer_commit(&file);

@@ -9,6 +9,7 @@
 #include <unistd.h>
 
 #include "core/floats.h"
+#include "core/format.h"
 #include "core/sized.h"
 #include "io/file.h"
 #include "prepare/prepare_job.h"
@@ -52,9 +53,9 @@ static void settings_of(const struct ern_prepare_job *job, size_t step, char set
       if (o->detector != NULL) snprintf(settings, SETTINGS, "detector %s", ern_prepare_fingerprint(o->detector, a));
       break;
     case 1: /* supplied landmarks give the eyes from which tracking begins */
-      snprintf(settings, SETTINGS, "focal %.9g poses %s%s%s", o->focal, ern_prepare_fingerprint(o->poses, a),
-               o->poses == NULL && o->landmarks != NULL ? " landmarks " : "",
-               o->poses == NULL ? ern_prepare_fingerprint(o->landmarks, b) : "");
+      ern_format(settings, SETTINGS, "focal %.9g poses %s%s%s", o->focal, ern_prepare_fingerprint(o->poses, a),
+                 o->poses == NULL && o->landmarks != NULL ? " landmarks " : "",
+                 o->poses == NULL ? ern_prepare_fingerprint(o->landmarks, b) : "");
       break;
     case 2: snprintf(settings, SETTINGS, "landmarks %s", ern_prepare_fingerprint(o->landmarks, a)); break;
     case 3:

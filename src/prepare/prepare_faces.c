@@ -4,6 +4,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 
+#include "core/format.h"
 #include "io/csv.h"
 #include "io/file.h"
 #include "prepare/landmarks/landmarks_supplied.h"
@@ -30,9 +31,9 @@ ern_status ern_prepare_faces_write(struct ern_prepare_job *job, const struct ern
     const struct ern_found_face *f = &faces[i];
     static const float none[2] = {-1, -1};
     const float *left = f->has_eyes ? f->eyes[0] : none, *right = f->has_eyes ? f->eyes[1] : none;
-    const int length = snprintf(line, sizeof line, "%zu,%.2f,%.2f,%.2f,%.2f,%.2f,%.2f,%.2f,%.2f\n", f->frame,
-                                (double)f->x, (double)f->y, (double)f->width, (double)f->height, (double)left[0],
-                                (double)left[1], (double)right[0], (double)right[1]);
+    const int length = ern_format(line, sizeof line, "%zu,%.2f,%.2f,%.2f,%.2f,%.2f,%.2f,%.2f,%.2f\n", f->frame,
+                                  (double)f->x, (double)f->y, (double)f->width, (double)f->height, (double)left[0],
+                                  (double)left[1], (double)right[0], (double)right[1]);
     ERN_TRY(ern_file_writer_write(&file, line, (size_t)length));
   }
   return ern_file_writer_commit(&file);

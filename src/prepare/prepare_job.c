@@ -2,6 +2,8 @@
  * Paths, pictures, progress and verdicts of a step of `prepare`. */
 #include "prepare/prepare_job.h"
 
+#include "core/format.h"
+
 #include <stdarg.h>
 #include <stdio.h>
 #include <string.h>
@@ -42,7 +44,7 @@ ern_status ern_prepare_path(const struct ern_prepare_job *job, char path[ERN_PRE
   if (before > 0 && before < ERN_PREPARE_PATH) {
     va_list list;
     va_start(list, format);
-    after = vsnprintf(path + before, (size_t)(ERN_PREPARE_PATH - before), format, list);
+    after = ern_format_list(path + before, (size_t)(ERN_PREPARE_PATH - before), format, list);
     va_end(list);
   }
   if (after >= 0 && after < ERN_PREPARE_PATH - before) return refuse_links(job, path, (size_t)before);
@@ -86,7 +88,7 @@ void ern_prepare_add_reason(struct ern_prepare_job *job, ern_prepare_grade grade
   }
   va_list list;
   va_start(list, format);
-  (void)vsnprintf(to, left, format, list);
+  (void)ern_format_list(to, left, format, list);
   va_end(list);
 }
 

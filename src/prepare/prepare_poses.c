@@ -4,6 +4,7 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "core/format.h"
 #include "io/file.h"
 #include "prepare/head_shape.h"
 #include "prepare/prepare_job.h"
@@ -51,9 +52,9 @@ static ern_status write_part(struct ern_prepare_job *job, const char *name, cons
   const double centre = 0.5 * job->side;
   ERN_TRY(ern_prepare_register_output(job, name, path));
   ERN_TRY(ern_file_writer_open(job->context, path, ERN_EXISTING_REPLACE, &file));
-  int length = snprintf(line, sizeof line,
-                        "{\"focal_len\": %.9g, \"cx\": %.9g, \"cy\": %.9g, \"w\": %d, \"h\": %d, \"frames\": [",
-                        job->focal, centre, centre, job->side, job->side);
+  int length = ern_format(line, sizeof line,
+                          "{\"focal_len\": %.9g, \"cx\": %.9g, \"cy\": %.9g, \"w\": %d, \"h\": %d, \"frames\": [",
+                          job->focal, centre, centre, job->side, job->side);
   ERN_TRY(ern_file_writer_write(&file, line, (size_t)length));
   for (size_t i = begin; i < end; i++) {
     double m[4][4];
@@ -61,8 +62,8 @@ static ern_status write_part(struct ern_prepare_job *job, const char *name, cons
     length = snprintf(line, sizeof line, "%s\n{\"img_id\": %zu, \"aud_id\": %zu, \"transform_matrix\": [",
                       i > begin ? "," : "", i, i);
     for (int r = 0; r < 4; r++)
-      length += snprintf(line + length, sizeof line - (size_t)length, "%s[%.9g, %.9g, %.9g, %.9g]", r > 0 ? ", " : "",
-                         m[r][0], m[r][1], m[r][2], m[r][3]);
+      length += ern_format(line + length, sizeof line - (size_t)length, "%s[%.9g, %.9g, %.9g, %.9g]", r > 0 ? ", " : "",
+                           m[r][0], m[r][1], m[r][2], m[r][3]);
     length += snprintf(line + length, sizeof line - (size_t)length, "]}");
     ERN_TRY(ern_file_writer_write(&file, line, (size_t)length));
   }

@@ -6,6 +6,7 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "core/format.h"
 #include "io/csv.h"
 #include "io/file.h"
 #include "io/landmarks.h"
@@ -24,7 +25,7 @@ static void put(struct page *page, const char *format, ...) {
   char line[LINE];
   va_list list;
   va_start(list, format);
-  const int length = vsnprintf(line, sizeof line, format, list);
+  const int length = ern_format_list(line, sizeof line, format, list);
   va_end(list);
   if (page->status == ERN_OK && length > 0)
     page->status = ern_file_writer_write(&page->file, line, length < LINE ? (size_t)length : LINE - 1);

@@ -3,7 +3,6 @@
 #include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
-#include <locale.h>
 #include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -12,6 +11,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "core/format.h"
 #include "core/memory.h"
 #include "io/file.h"
 #include "train/trainer.h"
@@ -203,15 +203,10 @@ ern_status ern_lines_add(ern_context *context, struct ern_lines *lines, const ch
     lines->text = larger;
     lines->capacity = bytes;
   }
-  const locale_t plain = newlocale(LC_NUMERIC_MASK, "C", (locale_t)0); /* the host's locale may write 0,5 */
-  if (plain == (locale_t)0) return ern_fail(context, ERN_E_NO_MEMORY, "no memory for a locale");
-  const locale_t host = uselocale(plain);
   va_list arguments;
   va_start(arguments, format);
-  const int written = vsnprintf(lines->text + lines->used, LINE_BYTES, format, arguments);
+  const int written = ern_format_list(lines->text + lines->used, LINE_BYTES, format, arguments);
   va_end(arguments);
-  uselocale(host);
-  freelocale(plain);
   if (written > 0) lines->used += (size_t)(written < LINE_BYTES ? written : LINE_BYTES - 1);
   return ERN_OK;
 }

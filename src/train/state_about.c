@@ -9,7 +9,9 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "core/format.h"
 #include "core/memory.h"
+#include "io/number.h"
 
 static const char *const ray_samplings[] = {"uniform", "regions"};
 
@@ -241,9 +243,13 @@ struct value {
 };
 static struct value number(float value) {
   struct value made;
+  double read = 0;
   int digits = 3;
-  do snprintf(made.text, sizeof made.text, "%.*g", digits, (double)value);
-  while (digits++ < 9 && strtof(made.text, NULL) != value);
+  do {
+    ern_format(made.text, sizeof made.text, "%.*g", digits, (double)value);
+    const char *at = made.text;
+    (void)ern_number_read(&at, at + strlen(at), &read);
+  } while (digits++ < 9 && (float)read != value);
   return made;
 }
 static struct value count(uint64_t value) {

@@ -9,6 +9,7 @@
 #include <unistd.h>
 
 #include "core/floats.h"
+#include "core/format.h"
 #include "core/memory.h"
 #include "core/sized.h"
 #include "io/file.h"
@@ -430,11 +431,11 @@ static void name_features(ern_trainer *t) {
   ern_sha256_hex(f->data, bytes, t->features);
   for (size_t k = 0; k < t->data.copy_count; k++) {
     ern_sha256_hex(t->data.copies[k].data, bytes, copy);
-    const int length = snprintf(text, sizeof text, "%s%s%a", t->features, copy, (double)t->data.copy_share);
+    const int length = ern_format(text, sizeof text, "%s%s%a", t->features, copy, (double)t->data.copy_share);
     ern_sha256_hex(text, (size_t)length, t->features);
   }
   if (t->data.speech_noise > 0) {
-    const int length = snprintf(text, sizeof text, "%s%a", t->features, (double)t->data.speech_noise);
+    const int length = ern_format(text, sizeof text, "%s%a", t->features, (double)t->data.speech_noise);
     ern_sha256_hex(text, (size_t)length, t->features);
   }
 }

@@ -31,6 +31,12 @@ fault 'unfinished by its own words' < <(
 fault 'the library prints or ends the process' < <(
   grep -nHE '\b(abort|exit|_exit|quick_exit|printf|vprintf|puts|putchar|perror|assert) *\(|fprintf *\( *std(out|err)' \
     "${library[@]}" | grep -v 'static_assert' || true)
+# Some locales write 0,5. core/format.h has the C library's functions without a locale, and the program never takes one.
+# What the program itself reads and writes is right as long as that is so.
+fault 'a number that depends on the locale: core/format.h or io/number.h' < <(
+  perl -0777 -ne 'while (/\b(v\w*printf|strto[fd]|strtold|ato[f]|stod|stof|std::(?:o|i)?f?stringstream)\s*\(|\b(?:s?n?printf|sscanf)\s*\([^;]*?%[-+ #0-9.*]*l?[aefgAEFG][^;]*;/g)
+    { print "$ARGV:", 1 + (substr($_, 0, $-[0]) =~ tr/\n//), "\n" }' $(printf '%s\n' "${library[@]}" | grep -v '^src/core/format\.c$'))
+fault 'a locale of the environment' < <(grep -nHE '\b(setlocale|std::locale)\b' "${library[@]}" $(printf '%s\n' "${code[@]}" | grep '^tools/') || true)
 # Public headers may share a name with an inner one: they are always written ernerf/NAME. A backend has a file a noun, by
 # the same name in each of its folders.
 fault 'two files of one name' < <(printf '%s\n' "${code[@]}" | grep -vE '^(include|src/backend_cpu|src/backend_opencl|tests/kernelcheck)/' |
@@ -43,6 +49,11 @@ fault 'a path that a user does not have' < <(grep -nHE '(^|[ "'"'"'=:(])(/work/|
 # What a test or a program leaves where it is run is easily committed with the rest.
 known='CMakeLists.txt|CMakePresets.json|CONTRIBUTING.md|LICENSE|NEWS.md|README.md|[.].*|(cmake|data|debian|docs|examples|include|python|src|tests|tools)/.*'
 fault 'a file that does not belong in the root' < <(git ls-files 2>/dev/null | grep -vE "^($known)$" || true)
+
+fault 'a script that sorts, compares or writes numbers by the locale, without "export LC_ALL=C"' < <(
+  git ls-files tools examples 2>/dev/null | while read -r file; do
+    ! head -n 1 "$file" | grep -q '^#!.*sh' || grep -qx 'export LC_ALL=C' "$file" || echo "$file"
+  done)
 
 version() { grep -oE "$2" "$1" | grep -oE '[0-9]+(\.[0-9]+)*' | tail -n 1; }
 header=include/ernerf/base.h

@@ -343,6 +343,25 @@ static void test_moved(void **state) {
   support_clear("moved");
 }
 
+/* A host program whose locale writes 0,5 gets the bytes that any other gets. */
+static void test_comma_locale(void **state) {
+  (void)state;
+  static const char *const files[] = {
+      "au.csv",           "transforms_train.json", "transforms_val.json", "ori_imgs/7.lms", "prepare/faces.csv",
+      "prepare/pose.csv", "torso_imgs/7.png",      "report.html"};
+  if (!support_comma_locale()) skip();
+  support_clear("comma_clip");
+  assert_non_null(setlocale(LC_NUMERIC, "comma_XX"));
+  cli_run(&cli, "prepare v.mp4 -o comma_clip --size 160 --quiet");
+  setlocale(LC_NUMERIC, "C");
+  cli_expect(&cli, 0, NULL);
+  for (size_t i = 0; i < sizeof files / sizeof *files; i++) {
+    char paths[2][64];
+    for (int k = 0; k < 2; k++) snprintf(paths[k], sizeof *paths, "%s/%s", k == 0 ? "clip" : "comma_clip", files[i]);
+    cli_same_bytes(paths[0], paths[1]);
+  }
+}
+
 /* Another part of the video takes the clip's place only when asked to, and then nothing of the first one stays. */
 static void test_replaced(void **state) {
   (void)state;
@@ -372,13 +391,10 @@ static void test_replaced(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_whole),
-                                     cmocka_unit_test(test_truth),
-                                     cmocka_unit_test(test_sound_ends_early),
-                                     cmocka_unit_test(test_supplied_unread),
-                                     cmocka_unit_test(test_second_call),
-                                     cmocka_unit_test(test_stopped),
-                                     cmocka_unit_test(test_moved),
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_whole),           cmocka_unit_test(test_truth),
+                                     cmocka_unit_test(test_comma_locale),    cmocka_unit_test(test_sound_ends_early),
+                                     cmocka_unit_test(test_supplied_unread), cmocka_unit_test(test_second_call),
+                                     cmocka_unit_test(test_stopped),         cmocka_unit_test(test_moved),
                                      cmocka_unit_test(test_replaced)};
   return cmocka_run_group_tests(tests, make, NULL);
 }

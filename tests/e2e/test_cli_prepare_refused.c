@@ -13,9 +13,9 @@ static struct cli cli;
 static ern_image frames[FRAMES];
 
 /* How a made video differs from the first one. */
-enum kind { STILL, CUT, DIM, SILENT, NOBODY, TINY, SHORT, KINDS };
-static const char *const names[KINDS] = {"still.mp4",  "cut.mp4",  "dim.mp4",  "silent.mp4",
-                                         "nobody.mp4", "tiny.mp4", "short.mp4"};
+enum kind { STILL, CUT, DIM, SILENT, NOBODY, TINY, SHORT, MUTED, KINDS };
+static const char *const names[KINDS] = {"still.mp4",  "cut.mp4",  "dim.mp4",   "silent.mp4",
+                                         "nobody.mp4", "tiny.mp4", "short.mp4", "muted.mp4"};
 
 static void paint(enum kind kind, int k, uint8_t *rgba) {
   const ern_image *from = &frames[kind == STILL ? 0 : k];
@@ -34,13 +34,16 @@ static void make_video(ern_context *context, enum kind kind, const ern_sound *so
   static uint8_t rgba[4 * SIDE * SIDE];
   ern_video_options options = ern_video_options_default(kind == TINY ? 2 : SIDE, kind == TINY ? 2 : SIDE);
   ern_video_writer *writer = NULL;
-  if (kind != SILENT) options.sound = sound;
+  ern_sound muted = *sound;
+  muted.data = calloc(muted.frames * (size_t)muted.channels, sizeof *muted.data);
+  if (kind != SILENT) options.sound = kind == MUTED ? &muted : sound;
   support_ok(context, ern_video_writer_open(context, names[kind], &options, &writer));
   for (int k = 0; k < (kind == SHORT ? FRAMES / 2 : FRAMES); k++) {
     paint(kind, k, rgba);
     support_ok(context, ern_video_writer_frame(writer, rgba));
   }
   support_ok(context, ern_video_writer_close(&writer));
+  free(muted.data);
 }
 
 static int make(void **state) {
@@ -161,6 +164,26 @@ static void test_files_of_others(void **state) {
   }
 }
 
+/* A track without speech: before a frame is written; and in a clip of another program. */
+static void test_muted(void **state) {
+  (void)state;
+  static int16_t silence[16000];
+  const ern_sound sound = {.rate = 16000, .channels = 1, .frames = 16000, .data = silence};
+  ern_context *context = support_context();
+  support_clear("muted");
+  cli_run(&cli, "prepare muted.mp4 -o muted --size 160");
+  cli_expect(&cli, 1, "face", "the sound of the part is silent", "--features FILE.npy", NULL);
+  assert_false(cli_there("muted/ori_imgs"));
+  support_clear("muted");
+  cli_copy("truth", "muted");
+  assert_int_equal(remove("muted/aud_ds.npy"), 0);
+  remove("muted/aud.wav");
+  support_ok(context, ern_sound_write_wav(context, "muted/aud.wav", &sound));
+  cli_run(&cli, "check muted");
+  cli_expect_out(&cli, 1, "aud.wav: is silent: its features are the same in every window", "Not ready", NULL);
+  ern_context_free(&context);
+}
+
 /* No speech, no mouth: told before a frame is read; brought features help. A call that is refused takes nothing away
  * that an earlier one made. */
 static void test_silent(void **state) {
@@ -274,9 +297,9 @@ static void test_folders(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_verdicts),         cmocka_unit_test(test_light),
-                                     cmocka_unit_test(test_inputs_and_links), cmocka_unit_test(test_files_of_others),
-                                     cmocka_unit_test(test_silent),           cmocka_unit_test(test_no_detector),
-                                     cmocka_unit_test(test_no_videos),        cmocka_unit_test(test_folders)};
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test(test_verdicts),        cmocka_unit_test(test_light),     cmocka_unit_test(test_inputs_and_links),
+      cmocka_unit_test(test_files_of_others), cmocka_unit_test(test_muted),     cmocka_unit_test(test_silent),
+      cmocka_unit_test(test_no_detector),     cmocka_unit_test(test_no_videos), cmocka_unit_test(test_folders)};
   return cmocka_run_group_tests(tests, make, NULL);
 }

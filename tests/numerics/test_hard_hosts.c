@@ -4,8 +4,6 @@
  * (docs/numerics.md). */
 #define _GNU_SOURCE /* feenableexcept */
 #include <fenv.h>
-#include <locale.h>
-#include <unistd.h>
 #if defined __x86_64__
 #include <immintrin.h>
 #endif
@@ -118,17 +116,6 @@ static void test_host_that_traps(void **state) {
 #endif
 }
 
-/* A locale of one category, made here: few machines have one of their own. */
-static bool comma_is_chosen(void) {
-  char here[512];
-  support_write_text("comma",
-                     "LC_NUMERIC\ndecimal_point \",\"\nthousands_sep \"\"\ngrouping -1\nEND LC_NUMERIC\n"
-                     "LC_CTYPE\nEND LC_CTYPE\n");
-  (void)system("localedef -c -i comma -f ANSI_X3.4-1968 ./comma_XX >comma.log 2>&1");
-  return getcwd(here, sizeof here) != NULL && setenv("LOCPATH", here, 1) == 0 &&
-         setlocale(LC_NUMERIC, "comma_XX") != NULL;
-}
-
 /* As many commas as part the values of its lines. The number of lines of a log follows the clock. */
 static void expect_commas(const char *path, size_t of_a_line) {
   size_t count = 0, commas = 0, lines = 0;
@@ -145,10 +132,8 @@ static void expect_commas(const char *path, size_t of_a_line) {
 static void test_host_that_writes_commas(void **state) {
   (void)state;
   char half[8];
-  if (!comma_is_chosen()) {
-    print_message("skipped: no locale can be made here (Debian's package locales)\n");
-    skip();
-  }
+  if (!support_comma_locale()) skip();
+  assert_non_null(setlocale(LC_NUMERIC, "comma_XX"));
   snprintf(half, sizeof half, "%.1f", 0.5);
   assert_string_equal(half, "0,5");
   expect_plain("commas");

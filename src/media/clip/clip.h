@@ -65,6 +65,9 @@ ERN_NODISCARD ern_status ern_clip_features_name(ern_context *context, const char
 ERN_NODISCARD ern_status ern_clip_blink(ern_context *context, const char *folder, int64_t largest_img_id, float **blink,
                                         size_t *count);
 
+/* RMS deviation of the features from their mean over the windows, over their RMS. */
+ERN_NODISCARD ern_status ern_clip_feature_change(ern_context *context, const ern_features *features, double *relative);
+
 /* Values of ern_clip_head(). */
 enum { ERN_HEAD_UNSURE = 128, ERN_HEAD_WHOLE = 255 };
 /* Replaces the RGB picture of parsing/ID.png by one channel of those values; the size stays. ERN_E_FORMAT, with `path`

@@ -9,6 +9,7 @@
 #include <sys/stat.h>
 
 #include "core/floats.h"
+#include "core/format.h"
 #include "core/memory.h"
 #include "io/landmarks.h"
 #include "media/clip/clip.h"
@@ -36,7 +37,7 @@ static void add_line(struct report *report, int ok, const char *format, ...) {
   char sentence[SENTENCE_BYTES];
   va_list arguments;
   va_start(arguments, format);
-  vsnprintf(sentence, sizeof sentence, format, arguments);
+  ern_format_list(sentence, sizeof sentence, format, arguments);
   va_end(arguments);
   report->say(report->user, ok, sentence);
   report->lacks = report->lacks || ok != THERE;
@@ -255,6 +256,7 @@ static void check_features(struct report *report) {
       "Put the sound of the video there as aud.wav (ffmpeg -i VIDEO -ac 1 -ar 16000 aud.wav); training makes features "
       "of it.";
   ern_features features = {0};
+  double change = 0;
   char path[REASON_BYTES];
   ern_status status = ern_clip_features_name(report->context, report->folder, NULL, &report->features_name);
   if (status == ERN_OK) {
@@ -274,6 +276,11 @@ static void check_features(struct report *report) {
     add_line(report, THERE, "%s: speech features of %s, %zu windows of %d vectors of %d values.", report->features_name,
              report->speech, features.windows, features.window_length, features.width);
   check_lengths(report, features.windows);
+  status = ern_clip_feature_change(report->context, &features, &change);
+  if (status == ERN_OK && change < ERN_CLIP_SPEECH)
+    status = ern_fail(report->context, ERN_E_FORMAT, "%s: %s the same in every window, so the mouth would not move",
+                      report->features_name, sound ? "is silent: its features are" : "is");
+  if (status != ERN_OK) say_wrong(report, status, sound ? "Take a video whose sound is not muted." : "");
   ern_features_free(report->context, &features);
 }
 

@@ -85,12 +85,10 @@ static void measure_eyes(const ern_clip *clip, ern_clip_measures *m) {
 
 /* ---- speech ------------------------------------------------------------------------------------------------------ */
 
-/* Measures all windows of the feature file. */
-static ern_status measure_features(const ern_clip *clip, ern_clip_measures *m) {
-  const ern_features *features = ern_clip_features(clip);
+ern_status ern_clip_feature_change(ern_context *context, const ern_features *features, double *relative) {
   const size_t width = (size_t)features->window_length * (size_t)features->width;
   double *mean = NULL, change = 0, all = 0;
-  const ern_status status = ERN_NEW(ern_clip_context(clip), width, &mean);
+  const ern_status status = ERN_NEW(context, width, &mean);
   if (status != ERN_OK) return status;
   for (size_t t = 0; t < features->windows; t++)
     for (size_t i = 0; i < width; i++) mean[i] += (double)features->data[t * width + i] / (double)features->windows;
@@ -100,8 +98,8 @@ static ern_status measure_features(const ern_clip *clip, ern_clip_measures *m) {
       change += (value - mean[i]) * (value - mean[i]);
       all += value * value;
     }
-  m->feature_change = all > 0 ? sqrt(change / all) : 0;
-  ern_release(ern_clip_context(clip), mean);
+  *relative = all > 0 ? sqrt(change / all) : 0;
+  ern_release(context, mean);
   return ERN_OK;
 }
 
@@ -268,7 +266,7 @@ ern_status ern_clip_measure_sized(ern_clip *clip, ern_clip_measures *measures, s
   measure_eyes(clip, &own);
   measure_sound(clip, &own);
   ern_status status = ERN_OK;
-  ERN_TRY(measure_features(clip, &own));
+  ERN_TRY(ern_clip_feature_change(ern_clip_context(clip), ern_clip_features(clip), &own.feature_change));
   ERN_TRY(measure_pictures(clip, &own));
   ern_struct_copy_out(measures, bytes, &own, sizeof own);
 fail:

@@ -5,6 +5,7 @@
 #include <libavutil/opt.h>
 #include <string.h>
 
+#include "core/format.h"
 #include "core/memory.h"
 
 static const char *const default_preset = "veryfast"; /* thin/defaults.c compares its crf with that of x264's default */
@@ -91,14 +92,16 @@ static ern_status open_encoder(struct ern_muxer *muxer, struct ern_picture_track
   if (!raw && settings->codec->id == AV_CODEC_ID_HEVC)
     made->codec_tag = MKTAG('h', 'v', 'c', '1'); /* which Apple's players need */
   if (muxer->container->oformat->flags & AVFMT_GLOBALHEADER) made->flags |= AV_CODEC_FLAG_GLOBAL_HEADER;
+  const locale_t host = ern_locale_plain(); /* settings of encoders are text, and x264 writes them into the stream */
   int error = raw ? 0 : set_options(made, settings);
+  made->thread_count = coding == ERN_PICTURES_FILE ? 2 : 1;
+  const int opened = error >= 0 ? avcodec_open2(made, codec, NULL) : error;
+  ern_locale_restore(host);
   if (error == AVERROR_OPTION_NOT_FOUND) {
     return ern_fail(context, ERN_E_UNSUPPORTED, "%s: FFmpeg's %s takes no quality, expected %s", muxer->path,
                     codec->name, settings->codec->encoder);
   }
-  made->thread_count = coding == ERN_PICTURES_FILE ? 2 : 1;
-  if (error >= 0) error = avcodec_open2(made, codec, NULL);
-  if (error >= 0) error = avcodec_parameters_from_context(track->stream->codecpar, made);
+  error = opened >= 0 ? avcodec_parameters_from_context(track->stream->codecpar, made) : opened;
   if (error < 0) return ern_av_fail(context, ERN_E_MEDIA, muxer->path, "open an encoder of pictures", error);
   track->stream->time_base = made->time_base;
   track->stream->avg_frame_rate = rate;

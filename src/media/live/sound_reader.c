@@ -13,8 +13,9 @@
 #include "media/ffmpeg.h"
 #include "media/live/address.h"
 #include "media/live/descriptor_io.h"
+#include "media/mono.h"
 
-enum { LEAST_RATE = 1000, MOST_RATE = 384000, MOST_CHANNELS = 8 };
+enum { LEAST_RATE = 1000, MOST_RATE = 384000, MOST_CHANNELS = ERN_MONO_MOST, MIXED = 4096 /* frames at a time */ };
 
 struct ern_sound_reader {
   ern_context *context;
@@ -24,6 +25,8 @@ struct ern_sound_reader {
   SwrContext *convert; /* from the format of the last decoded frame */
   int rate, channels;  /* that */
   enum AVSampleFormat format;
+  struct ern_mono mono;
+  float *wide; /* [MIXED][MOST_CHANNELS]: before they become one channel */
   bool ended;
 };
 
@@ -140,6 +143,7 @@ ern_status ern_sound_reader_open(ern_context *context, const char *url, const er
   ERN_TRY(ERN_NEW(context, 1, &made));
   made->context = context;
   made->options = chosen;
+  ERN_TRY(ERN_NEW(context, (size_t)MIXED * MOST_CHANNELS, &made->wide));
   ERN_TRY(or_stopped(made, url, open_input(made, url)));
   *reader = made;
   return ERN_OK;
@@ -153,6 +157,7 @@ void ern_sound_reader_free(ern_sound_reader **reader) {
   ern_sound_reader *r = *reader;
   *reader = NULL;
   swr_free(&r->convert);
+  ern_release(r->context, r->wide);
   ern_decoder_close(&r->decoder);
   ern_descriptor_io_close(&r->pipe);
   ern_release(r->context, r);
@@ -160,11 +165,10 @@ void ern_sound_reader_free(ern_sound_reader **reader) {
 
 /* ---- reading ----------------------------------------------------------------------------------------------------- */
 
-/* Makes the converter from the present frame's format. Mono is the mean of all channels. */
+/* Makes the converter from the present frame's format. For mono it keeps the channels, which convert() mixes. */
 static ern_status make_converter(ern_sound_reader *r) {
   const AVFrame *frame = r->decoder.frame;
   AVChannelLayout from = {0}, to = {0};
-  double mean[MOST_CHANNELS];
   r->rate = frame->sample_rate;
   r->channels = frame->ch_layout.nb_channels;
   r->format = (enum AVSampleFormat)frame->format;
@@ -173,12 +177,11 @@ static ern_status make_converter(ern_sound_reader *r) {
                     "%s: sound has %d samples a second and %d channels, expected 1 to %d and 1 to %d", r->decoder.path,
                     r->rate, r->channels, MOST_RATE, MOST_CHANNELS);
   swr_free(&r->convert);
+  r->mono = (struct ern_mono){0};
   av_channel_layout_default(&from, r->channels);
-  av_channel_layout_default(&to, r->options.channels);
-  for (int c = 0; c < r->channels; c++) mean[c] = 1.0 / r->channels;
+  av_channel_layout_default(&to, r->options.channels == 1 ? r->channels : r->options.channels);
   int error =
       swr_alloc_set_opts2(&r->convert, &to, AV_SAMPLE_FMT_FLT, r->options.rate, &from, r->format, r->rate, 0, NULL);
-  if (error >= 0 && r->options.channels == 1) error = swr_set_matrix(r->convert, mean, r->channels);
   if (error >= 0) error = swr_init(r->convert);
   av_channel_layout_uninit(&from);
   av_channel_layout_uninit(&to);
@@ -187,10 +190,14 @@ static ern_status make_converter(ern_sound_reader *r) {
 
 static ern_status convert(ern_sound_reader *r, const uint8_t *const *from, int count, float *samples, size_t capacity,
                           size_t *frames) {
-  uint8_t *to[1] = {(uint8_t *)samples};
-  const int most = capacity < 65536 ? (int)capacity : 65536;
+  const bool mixes = r->options.channels == 1 && r->channels > 1;
+  uint8_t *to[1] = {(uint8_t *)(mixes ? r->wide : samples)};
+  const size_t limit = mixes ? MIXED : 65536;
+  const int most = (int)(capacity < limit ? capacity : limit);
   const int made = swr_convert(r->convert, to, most, (const uint8_t **)from, count);
   if (made < 0) return ern_av_fail(r->context, ERN_E_MEDIA, r->decoder.path, "convert its samples", made);
+  if (mixes && ern_mono_mix(&r->mono, samples, r->wide, r->channels, (size_t)made, r->options.rate))
+    ern_log(r->context, ERN_LOG_WARNING, "%s: " ERN_MONO_WORDS, r->decoder.path);
   for (size_t i = 0; i < (size_t)made * (size_t)r->options.channels; i++)
     if (!isfinite(samples[i]))
       return ern_fail(r->context, ERN_E_NONFINITE, "%s: its sound has a sample that is no finite number",

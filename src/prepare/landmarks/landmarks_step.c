@@ -4,6 +4,7 @@
 #include <math.h>
 #include <stdio.h>
 
+#include "core/format.h"
 #include "io/file.h"
 #include "prepare/head_shape.h"
 #include "prepare/landmarks/landmark_network.h"
@@ -215,9 +216,9 @@ static ern_status write_points(struct ern_prepare_job *job, size_t frame, const 
   char path[ERN_PREPARE_PATH], name[64], text[ERN_LANDMARKS * 32];
   size_t length = 0;
   for (int k = 0; k < ERN_LANDMARKS; k++)
-    length +=
-        (size_t)snprintf(text + length, sizeof text - length, "%.2f %.2f\n",
-                         fmin(fmax((double)points[k][0], -9999), 9999), fmin(fmax((double)points[k][1], -9999), 9999));
+    length += (size_t)ern_format(text + length, sizeof text - length, "%.2f %.2f\n",
+                                 fmin(fmax((double)points[k][0], -9999), 9999),
+                                 fmin(fmax((double)points[k][1], -9999), 9999));
   snprintf(name, sizeof name, "ori_imgs/%zu.lms", frame);
   const ern_status status = ern_prepare_register_output(job, name, path);
   return status == ERN_OK ? ern_file_write(job->context, path, text, length, ERN_EXISTING_REPLACE) : status;

@@ -7,7 +7,7 @@
 
 /* Thresholds of the measures. Changes of features below a thousandth of their size are noise. The highlight of a
  * surface moves by twice the angle between two views. Half a level of 255 is the resolution of 8 bits. */
-static const double least_feature_change = 1e-3, least_turn = 2, least_light = 0.5;
+static const double least_turn = 2, least_light = 0.5;
 static const double least_move = 0.25; /* pixels */
 
 static const char *const names[EFFECTS] = {"eye", "codes", "view", "torso"};
@@ -15,7 +15,7 @@ const char *effect_name(enum effect effect) { return names[effect]; }
 
 static bool camera_moves(const ern_clip_measures *m) { return m->camera_turn > 1e-3 || m->camera_shift > 1e-5; }
 
-bool effects_has_speech(const ern_clip_measures *m) { return m->feature_change >= least_feature_change; }
+bool effects_has_speech(const ern_clip_measures *m) { return m->feature_change >= ERN_CLIP_SPEECH; }
 
 void effects_choose(const ern_clip_measures *m, struct effects *effects) {
   effects->has[EFFECT_EYE] = (double)m->eye_high - (double)m->eye_low >= ERN_CLIP_BLINK;
