@@ -6,7 +6,7 @@
 
 static struct cli cli;
 
-static const char clip[] = "clip"; /* smaller than data/tiny, whose collisions test_tables looks at */
+static const char clip[] = "clip"; /* smaller than data/tiny, whose collisions test_tables_long looks at */
 
 static int make_clip(void **state) {
   (void)state;
@@ -52,7 +52,7 @@ static void check_collisions(const json_t *table) {
   assert_true(frontal >= xy && frontal >= yz && xy >= 0 && yz >= 0);
 }
 
-static void test_tables(void **state) {
+static void test_tables_long(void **state) {
   (void)state;
   cli_run(&cli,
           "ablate %s/data/tiny -o tables --iters 4 --rays 64 --frames 0:2 --repeats 3 --threads 2 --only "
@@ -100,7 +100,7 @@ static void ablate_again(const char *folder, const char *more, double *psnr, dou
 
 /* All trainings are done: a second call evaluates them anew and finds the same, also in the seconds behind them.
  * Another rate is another training. */
-static void test_resume(void **state) {
+static void test_resume_long(void **state) {
   (void)state;
   double psnr[3], seconds[3], lr_net[3];
   ablate_again("again", "--lr_net 0.004", &psnr[0], &seconds[0], &lr_net[0]);
@@ -174,7 +174,7 @@ static void test_refusals(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_tables), cmocka_unit_test(test_resume),
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_tables_long), cmocka_unit_test(test_resume_long),
                                      cmocka_unit_test(test_resume_keeps_tables), cmocka_unit_test(test_refusals)};
   return cmocka_run_group_tests(tests, make_clip, NULL);
 }

@@ -387,7 +387,7 @@ static void test_full_disk(void **state) {
 }
 
 /* Files that belong together are all of one run: the page is the largest, and the last. */
-static void test_full_disk_keeps_the_set(void **state) {
+static void test_full_disk_keeps_the_set_long(void **state) {
   (void)state;
   static const char line[] = "tradeoff m.safetensors base --frames 0:2 --split train --seconds 1 --quiet";
   struct stat page;
@@ -430,7 +430,7 @@ int main(void) {
                                      cmocka_unit_test(test_output_is_of_the_clip),
                                      cmocka_unit_test(test_no_place),
                                      cmocka_unit_test(test_full_disk),
-                                     cmocka_unit_test(test_full_disk_keeps_the_set),
+                                     cmocka_unit_test(test_full_disk_keeps_the_set_long),
                                      cmocka_unit_test(test_full_output)};
   return cmocka_run_group_tests(tests, make_clip, NULL);
 }

@@ -71,7 +71,7 @@ static void test_object(void **state) {
   json_decref(object);
 }
 
-static void test_parts(void **state) {
+static void test_parts_long(void **state) {
   (void)state;
   support_clear("part.json");
   cli_run(&cli, "bench --isa ref --only frame --size 24x24 --seconds 0 --threads 2 --json part.json");
@@ -90,7 +90,7 @@ static void test_parts(void **state) {
 }
 
 /* A head without the branches that a clip may not call for is measured as it is. */
-static void test_model(void **state) {
+static void test_model_long(void **state) {
   (void)state;
   char clip[1024];
   snprintf(clip, sizeof clip, "%s/data/tiny", getenv("ERNERF_SOURCE"));
@@ -144,7 +144,7 @@ static void check_device_kernels(const json_t *kernels) {
 
 /* The CPU and a device in one run. The model and the size of its step are those of test_cli_opencl_faults, so that the
  * device's kernels are built once for both. */
-static void test_device(void **state) {
+static void test_device_long(void **state) {
   (void)state;
   char clip[1024];
   snprintf(clip, sizeof clip, "%s/data/tiny", getenv("ERNERF_SOURCE"));
@@ -219,12 +219,12 @@ static void test_refused(void **state) {
 int main(void) {
   const struct CMUnitTest tests[] = {
     cmocka_unit_test(test_object),
-    cmocka_unit_test(test_parts),
-    cmocka_unit_test(test_model),
+    cmocka_unit_test(test_parts_long),
+    cmocka_unit_test(test_model_long),
 #if defined(ERN_OPENCL)
     cmocka_unit_test(test_device_alone),
     cmocka_unit_test(test_no_device),
-    cmocka_unit_test(test_device),
+    cmocka_unit_test(test_device_long),
 #else
     cmocka_unit_test(test_without),
 #endif

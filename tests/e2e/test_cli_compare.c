@@ -496,7 +496,7 @@ static void test_foreign_folders(void **state) {
 }
 
 /* A model that is cut short, and a disk that is full, in turn at each of the files. */
-static void test_nothing_left(void **state) {
+static void test_nothing_left_long(void **state) {
   (void)state;
   size_t bytes = 0;
   uint8_t *model = cli_bytes("b.safetensors", &bytes);
@@ -513,7 +513,7 @@ static void test_nothing_left(void **state) {
   }
 }
 
-static void test_earlier_folders(void **state) {
+static void test_earlier_folders_long(void **state) {
   (void)state;
   char path[64], kept[64];
   support_clear("full");
@@ -580,8 +580,8 @@ int main(void) {
                                      cmocka_unit_test(test_sound),
                                      cmocka_unit_test(test_odd_videos),
                                      cmocka_unit_test(test_foreign_folders),
-                                     cmocka_unit_test(test_nothing_left),
-                                     cmocka_unit_test(test_earlier_folders),
+                                     cmocka_unit_test(test_nothing_left_long),
+                                     cmocka_unit_test(test_earlier_folders_long),
                                      cmocka_unit_test(test_left_over),
                                      cmocka_unit_test(test_killed_before_names),
                                      cmocka_unit_test(test_without_weights)};

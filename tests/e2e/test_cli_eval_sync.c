@@ -167,7 +167,7 @@ static void make_other(void) {
   make_sound("other/aud.wav", 20, 40);
 }
 
-static void test_setting_names(void **state) {
+static void test_setting_names_long(void **state) {
   (void)state;
   make_other();
   expect_setting("", "reconstruction", "val");
@@ -231,7 +231,7 @@ static void test_synchronization(void **state) {
 }
 
 /* Sync hears the speech that is given, and no other. */
-static void test_other_speech_is_heard(void **state) {
+static void test_other_speech_is_heard_long(void **state) {
   (void)state;
   if (!ERN_VISION) skip();
   make_other();
@@ -309,9 +309,9 @@ static void test_refused(void **state) {
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_known_distances),
                                      cmocka_unit_test(test_what_is_seen),
-                                     cmocka_unit_test(test_setting_names),
+                                     cmocka_unit_test(test_setting_names_long),
                                      cmocka_unit_test(test_synchronization),
-                                     cmocka_unit_test(test_other_speech_is_heard),
+                                     cmocka_unit_test(test_other_speech_is_heard_long),
                                      cmocka_unit_test(test_setting_refused),
                                      cmocka_unit_test(test_refused)};
   return cmocka_run_group_tests(tests, train_head, NULL);

@@ -56,7 +56,7 @@ static json_t *state_of(const char *path) {
 }
 
 /* By the clock the last fifth of the head's steps are fine ones where that is wanted, and else none. */
-static void test_by_the_clock(void **state) {
+static void test_by_the_clock_long(void **state) {
   (void)state;
   cli_run(&cli, "train clip -o t.safetensors --time 4s --levels 2 --stage fine --quiet");
   cli_expect(&cli, 0, NULL);
@@ -107,6 +107,6 @@ static void test_refused(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_after_and_as_the_last_part),
-                                     cmocka_unit_test(test_by_the_clock), cmocka_unit_test(test_refused)};
+                                     cmocka_unit_test(test_by_the_clock_long), cmocka_unit_test(test_refused)};
   return cmocka_run_group_tests(tests, make_clip, NULL);
 }

@@ -128,7 +128,7 @@ static void test_out_of_reach(void **state) {
 }
 
 /* With a front of its own: in the folder that is looked for, by name, and where it does not fit. */
-static void test_front(void **state) {
+static void test_front_long(void **state) {
   (void)state;
   cli_run(&cli, "tradeoff m.safetensors '%s' -o m.tradeoff --seconds 1 --frames 0:2 --quiet", clip);
   cli_expect(&cli, 0, NULL);
@@ -186,6 +186,10 @@ static void test_words(void **state) {
     cli_run(&cli, "render m.safetensors --clip '%s' -y -o x.mp4 %s", clip, cases[i].options);
     cli_expect(&cli, 2, cases[i].said, NULL);
   }
+  cli_run(&cli, "tradeoff --training '%s'", clip);
+  cli_expect(&cli, 2, "-o DIR is missing", NULL);
+  cli_run(&cli, "tradeoff --training nowhere -o y");
+  cli_expect(&cli, 1, "nowhere", NULL);
 }
 
 /* ---- trainings --------------------------------------------------------------------------------------------------- */
@@ -223,7 +227,7 @@ static void expect_kinds(const json_t *trainings, double rays, bool landmarks) {
   assert_true(ern_isa_available(ERN_ISA_AVX512BF16) || training_of(trainings, "bf16") == NULL);
 }
 
-static void test_training(void **state) {
+static void test_training_long(void **state) {
   (void)state;
   static char text[CLI_TEXT_BYTES];
   cli_run(&cli, "tradeoff --training '%s' -o study --seconds 0.1 --seeds 1 --rays 64 --levels 5 --json --quiet", clip);
@@ -268,10 +272,6 @@ static void test_training(void **state) {
   assert_true(cli_there("study/training_mouth_seconds.png"));
   cli_read("study/training_seconds.svg", text);
   assert_non_null(strstr(text, "</svg>"));
-  cli_run(&cli, "tradeoff --training '%s'", clip);
-  cli_expect(&cli, 2, "-o DIR is missing", NULL);
-  cli_run(&cli, "tradeoff --training nowhere -o y");
-  cli_expect(&cli, 1, "nowhere", NULL);
 }
 
 static void expect_quartiles(const json_t *of) {
@@ -279,11 +279,9 @@ static void expect_quartiles(const json_t *of) {
   assert_true(number(of, "quartile_3") >= number(of, "median"));
 }
 
-/* A row for each kind of step; the coarse one is the unit. Without landmarks the mouth is not measured. Half a minute
- * of trainings: in the long test alone. */
-static void test_fine_stage_without_landmarks(void **state) {
+/* A row for each kind of step; the coarse one is the unit. Without landmarks the mouth is not measured. */
+static void test_fine_stage_without_landmarks_long(void **state) {
   (void)state;
-  if (getenv("ERNERF_TEST_LONG") == NULL) skip();
   static char text[CLI_TEXT_BYTES];
   static const char *const losses[] = {"coarse", "ssim", "lpips-alexnet"};
   const size_t count = ERN_PERCEPTUAL ? 3 : 2;
@@ -329,9 +327,9 @@ int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_curve),
                                      cmocka_unit_test(test_quick_look),
                                      cmocka_unit_test(test_out_of_reach),
-                                     cmocka_unit_test(test_front),
+                                     cmocka_unit_test(test_front_long),
                                      cmocka_unit_test(test_words),
-                                     cmocka_unit_test(test_training),
-                                     cmocka_unit_test(test_fine_stage_without_landmarks)};
+                                     cmocka_unit_test(test_training_long),
+                                     cmocka_unit_test(test_fine_stage_without_landmarks_long)};
   return cmocka_run_group_tests(tests, make_model, NULL);
 }

@@ -27,7 +27,7 @@ static json_int_t codes_of(const char *model) {
   return codes;
 }
 
-static void test_longer_and_shorter(void **state) {
+static void test_longer_and_shorter_long(void **state) {
   (void)state;
   const json_int_t few = codes_of("a.safetensors");
   cli_run(&cli, "train long -o b.safetensors --from a.run/state.safetensors --iters 24 --rays 128");
@@ -62,7 +62,7 @@ static void test_resume_with_fewer(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_longer_and_shorter),
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_longer_and_shorter_long),
                                      cmocka_unit_test(test_resume_with_fewer)};
   return cmocka_run_group_tests(tests, make_clips, NULL);
 }

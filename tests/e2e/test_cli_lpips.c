@@ -16,20 +16,22 @@ enum { SIDE = 64 };
 
 static int make_clip(void **state) {
   (void)state;
-  static const char *const old[] = {"clip",          "m.safetensors", "m.run",    "n.safetensors", "n.run", "p.run",
-                                    "p.safetensors", "t.csv",         "f_%d.png", "r.json",        "x.pth"};
+  static const char *const old[] = {"l.safetensors", "l.run",  "clip",  "m.safetensors", "m.run",
+                                    "n.safetensors", "n.run",  "p.run", "p.safetensors", "t.csv",
+                                    "f_%d.png",      "r.json", "x.pth"};
   for (size_t i = 0; i < sizeof old / sizeof *old; i++) support_clear(old[i]);
   made_lpips("a.safetensors", "h.safetensors", 0);
   cli_shared_clip("short", "clip");
+  cli_shared_model("short_head", "m");
   return 0;
 }
 
 #define HEAD "--rays 1100 --levels 2 --seed 5 --validate-every 0 --validate-frames 1 --quiet "
 #define FINE "--fine-loss lpips " WEIGHTS
 
-static void test_fine_stage(void **state) {
+static void test_fine_stage_long(void **state) {
   (void)state;
-  cli_run(&cli, "train clip -o m.safetensors " HEAD FINE "--iters 12 --fine-steps 4");
+  cli_run(&cli, "train clip -o l.safetensors " HEAD FINE "--iters 12 --fine-steps 4");
   cli_expect(&cli, 0, NULL);
   cli_run(&cli, "train clip -o n.safetensors " HEAD FINE "--iters 10 --fine-steps 2");
   cli_expect(&cli, 0, NULL);
@@ -46,7 +48,7 @@ static void test_fine_stage(void **state) {
   cli_run(&cli, "train clip -o p.safetensors " HEAD "--iters 12 --fine-steps 4"); /* with its own loss */
   cli_expect(&cli, 0, NULL);
   size_t first = 0, second = 0;
-  uint8_t *lpips = cli_bytes("m.safetensors", &first), *ssim = cli_bytes("p.safetensors", &second);
+  uint8_t *lpips = cli_bytes("l.safetensors", &first), *ssim = cli_bytes("p.safetensors", &second);
   assert_true(first != second || memcmp(lpips, ssim, first) != 0);
   free(lpips);
   free(ssim);
@@ -160,7 +162,7 @@ static void test_refused(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_fine_stage), cmocka_unit_test(test_paper),
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_fine_stage_long), cmocka_unit_test(test_paper),
                                      cmocka_unit_test(test_eval), cmocka_unit_test(test_refused)};
   return cmocka_run_group_tests(tests, make_clip, NULL);
 }

@@ -46,7 +46,7 @@ static void test_neighbours(void **state) {
 }
 
 /* A folder of the user's that is empty is still there after a failure. */
-static void test_empty_folder(void **state) {
+static void test_empty_folder_long(void **state) {
   (void)state;
   assert_int_equal(mkdir("empty", 0777), 0);
   cli_run_full(&cli, 1000, "tradeoff m.safetensors clip -o empty --frames 0:2 --split train --seconds 1 --quiet");
@@ -150,7 +150,7 @@ static void test_validation_of_the_average(void **state) {
 }
 
 /* Pictures and plots of X.run are not written through a link, and a file with a temporary name is no leftover. */
-static void test_run_folder(void **state) {
+static void test_run_folder_long(void **state) {
   (void)state;
   cli_run(&cli, "train clip -o r.safetensors --rays 32 --iters 2 --levels 2 --quiet");
   cli_expect(&cli, 0, NULL);
@@ -358,7 +358,7 @@ static void test_odd_names(void **state) {
 /* ---- two processes ----------------------------------------------------------------------------------------------- */
 
 /* While one renders, another one of the same name is refused, and one of a name that begins alike does it no harm. */
-static void test_two_renders(void **state) {
+static void test_two_renders_long(void **state) {
   (void)state;
   static struct cli slow;
   snprintf(slow.line, sizeof slow.line, "render m.safetensors --clip clip --size 192x192 --quiet -o two10.mp4");
@@ -381,12 +381,12 @@ static void test_two_renders(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_neighbours),      cmocka_unit_test(test_empty_folder),
+      cmocka_unit_test(test_neighbours),      cmocka_unit_test(test_empty_folder_long),
       cmocka_unit_test(test_refused),         cmocka_unit_test(test_overwritten),
       cmocka_unit_test(test_training),        cmocka_unit_test(test_validation_of_the_average),
-      cmocka_unit_test(test_run_folder),      cmocka_unit_test(test_links),
+      cmocka_unit_test(test_run_folder_long), cmocka_unit_test(test_links),
       cmocka_unit_test(test_links_to_inputs), cmocka_unit_test(test_same_output),
       cmocka_unit_test(test_devices),         cmocka_unit_test(test_odd_names),
-      cmocka_unit_test(test_two_renders)};
+      cmocka_unit_test(test_two_renders_long)};
   return cmocka_run_group_tests(tests, make_files, NULL);
 }

@@ -235,7 +235,7 @@ static void make_mostly_far(void) {
   json_decref(file);
 }
 
-static void test_render_memory(void **state) {
+static void test_render_memory_long(void **state) {
   (void)state;
   if (!MEASURABLE || kilobytes(getpid(), "RssAnon") == 0) skip();
   make_tiny();
@@ -286,7 +286,7 @@ static void write_inputs(const char *source) {
 }
 
 /* A program with libernerf alone: all its pages count, those of the libraries too. */
-static void test_minimal_memory(void **state) {
+static void test_minimal_memory_long(void **state) {
   (void)state;
   const char *program = getenv("ERNERF_RENDER_MINIMAL");
   if (!MEASURABLE || program == NULL || kilobytes(getpid(), "VmHWM") == 0) skip();
@@ -310,10 +310,14 @@ static void test_minimal_memory(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_order),         cmocka_unit_test(test_replay),
-                                     cmocka_unit_test(test_numbered),      cmocka_unit_test(test_video),
-                                     cmocka_unit_test(test_full),          cmocka_unit_test(test_unwritable),
-                                     cmocka_unit_test(test_damaged_torso), cmocka_unit_test(test_render_memory),
-                                     cmocka_unit_test(test_minimal_memory)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_order),
+                                     cmocka_unit_test(test_replay),
+                                     cmocka_unit_test(test_numbered),
+                                     cmocka_unit_test(test_video),
+                                     cmocka_unit_test(test_full),
+                                     cmocka_unit_test(test_unwritable),
+                                     cmocka_unit_test(test_damaged_torso),
+                                     cmocka_unit_test(test_render_memory_long),
+                                     cmocka_unit_test(test_minimal_memory_long)};
   return cmocka_run_group_tests(tests, make_clip, NULL);
 }

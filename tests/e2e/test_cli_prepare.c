@@ -157,7 +157,7 @@ static void list_clip(const char *into) {
 }
 
 /* What is brought cannot be read: that is told before anything of the clip is taken away. */
-static void test_supplied_unread(void **state) {
+static void test_supplied_unread_long(void **state) {
   (void)state;
   static const char *const bad[] = {
       "au none.csv",     "features none.npy", "features v.mp4",      "poses none.json",    "landmarks none",
@@ -188,7 +188,7 @@ static void test_supplied_unread(void **state) {
   assert_false(cli_there("new"));
 }
 
-static void test_second_call(void **state) {
+static void test_second_call_long(void **state) {
   (void)state;
   static const char *const files[] = {"clip/transforms_train.json", "clip/ori_imgs/3.jpg", "clip/gt_imgs/3.jpg",
                                       "clip/ori_imgs/3.lms", "clip/aud.wav"};
@@ -295,7 +295,7 @@ static void start_and_stop(const char *sign) {
   expect_none_begun("again");
 }
 
-static void test_stopped(void **state) {
+static void test_stopped_long(void **state) {
   (void)state;
   static const char *const same[] = {
       "transforms_train.json", "transforms_val.json", "au.csv",          "aud.wav",       "bc.jpg",
@@ -363,7 +363,7 @@ static void test_comma_locale(void **state) {
 }
 
 /* Another part of the video takes the clip's place only when asked to, and then nothing of the first one stays. */
-static void test_replaced(void **state) {
+static void test_replaced_long(void **state) {
   (void)state;
   cli_run(&cli, "prepare v.mp4 -o again --size 160 --from 0.16");
   cli_expect(&cli, 1, "again", "another video", "--overwrite", NULL);
@@ -391,10 +391,14 @@ static void test_replaced(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_whole),           cmocka_unit_test(test_truth),
-                                     cmocka_unit_test(test_comma_locale),    cmocka_unit_test(test_sound_ends_early),
-                                     cmocka_unit_test(test_supplied_unread), cmocka_unit_test(test_second_call),
-                                     cmocka_unit_test(test_stopped),         cmocka_unit_test(test_moved),
-                                     cmocka_unit_test(test_replaced)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_whole),
+                                     cmocka_unit_test(test_truth),
+                                     cmocka_unit_test(test_comma_locale),
+                                     cmocka_unit_test(test_sound_ends_early),
+                                     cmocka_unit_test(test_supplied_unread_long),
+                                     cmocka_unit_test(test_second_call_long),
+                                     cmocka_unit_test(test_stopped_long),
+                                     cmocka_unit_test(test_moved),
+                                     cmocka_unit_test(test_replaced_long)};
   return cmocka_run_group_tests(tests, make, NULL);
 }

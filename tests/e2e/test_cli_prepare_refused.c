@@ -101,7 +101,7 @@ static void test_verdicts(void **state) {
 }
 
 /* A light that goes down within a fifth of a second is no cut. */
-static void test_light(void **state) {
+static void test_light_long(void **state) {
   (void)state;
   support_clear("clip");
   cli_run(&cli, "prepare dim.mp4 -o clip --size 160 --only face");
@@ -186,7 +186,7 @@ static void test_muted(void **state) {
 
 /* No speech, no mouth: told before a frame is read; brought features help. A call that is refused takes nothing away
  * that an earlier one made. */
-static void test_silent(void **state) {
+static void test_silent_long(void **state) {
   (void)state;
   support_clear("clip");
   cli_run(&cli, "prepare silent.mp4 -o clip --size 160");
@@ -297,9 +297,14 @@ static void test_folders(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_verdicts),        cmocka_unit_test(test_light),     cmocka_unit_test(test_inputs_and_links),
-      cmocka_unit_test(test_files_of_others), cmocka_unit_test(test_muted),     cmocka_unit_test(test_silent),
-      cmocka_unit_test(test_no_detector),     cmocka_unit_test(test_no_videos), cmocka_unit_test(test_folders)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_verdicts),
+                                     cmocka_unit_test(test_light_long),
+                                     cmocka_unit_test(test_inputs_and_links),
+                                     cmocka_unit_test(test_files_of_others),
+                                     cmocka_unit_test(test_muted),
+                                     cmocka_unit_test(test_silent_long),
+                                     cmocka_unit_test(test_no_detector),
+                                     cmocka_unit_test(test_no_videos),
+                                     cmocka_unit_test(test_folders)};
   return cmocka_run_group_tests(tests, make, NULL);
 }

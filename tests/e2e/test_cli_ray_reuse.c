@@ -101,7 +101,7 @@ static void test_bound(void **state) {
   }
 }
 
-static void test_other_bounds(void **state) {
+static void test_other_bounds_long(void **state) {
   (void)state;
   uint8_t *whole = raw("--no-reuse-rays"), *none = raw("--reuse-rays 0");
   const struct report zero = report();
@@ -143,7 +143,7 @@ static void test_words(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_bound), cmocka_unit_test(test_other_bounds),
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_bound), cmocka_unit_test(test_other_bounds_long),
                                      cmocka_unit_test(test_not_worth_it), cmocka_unit_test(test_words)};
   return cmocka_run_group_tests(tests, make_model, NULL);
 }

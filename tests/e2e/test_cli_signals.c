@@ -99,7 +99,7 @@ static void test_second_of_a_video(void **state) {
 #define LONG_TRAINING "train clip -y -o h.safetensors --iters 100000 --rays 16 --levels 2 --validate-every 0"
 
 /* Said twice, by the system and by the shell. */
-static void test_end_of_the_terminal(void **state) {
+static void test_end_of_the_terminal_long(void **state) {
   (void)state;
   signal(SIGHUP, SIG_DFL); /* of this test, and so of the program: it may have been started with nohup itself */
   start_and_stop("\"train  ", SIGHUP, LONG_TRAINING);
@@ -122,7 +122,7 @@ static void test_nohup(void **state) {
   signal(SIGHUP, SIG_DFL);
 }
 
-static void test_ablate(void **state) {
+static void test_ablate_long(void **state) {
   (void)state;
   start_and_stop("table/trihash-concat.run/lock", SIGINT,
                  "ablate clip -o table --iters 100000 --rays 16 --frames 0:1 --only trihash-concat");
@@ -134,7 +134,7 @@ static void test_ablate(void **state) {
   expect_none_begun("table/trihash-concat.run");
 }
 
-static void test_tradeoff(void **state) {
+static void test_tradeoff_long(void **state) {
   (void)state;
   start_and_stop("trade", SIGTERM, "tradeoff m.safetensors clip -o trade --frames 0:2 --split train");
   cli_wait(&cli);
@@ -146,9 +146,9 @@ int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_second),
                                      cmocka_unit_test(test_last_validation),
                                      cmocka_unit_test(test_second_of_a_video),
-                                     cmocka_unit_test(test_end_of_the_terminal),
+                                     cmocka_unit_test(test_end_of_the_terminal_long),
                                      cmocka_unit_test(test_nohup),
-                                     cmocka_unit_test(test_ablate),
-                                     cmocka_unit_test(test_tradeoff)};
+                                     cmocka_unit_test(test_ablate_long),
+                                     cmocka_unit_test(test_tradeoff_long)};
   return cmocka_run_group_tests(tests, make_model, NULL);
 }

@@ -27,7 +27,7 @@ static void test_head(void **state) { (void)state, soak("", "3", false); }
 static void test_torso(void **state) { (void)state, soak("--torso", "4", true); }
 
 /* The same seed and round: as many steps in as many rounds, gone on from as often. */
-static void test_again(void **state) {
+static void test_again_long(void **state) {
   (void)state;
   long long resumes[2] = {-1, -2};
   for (size_t k = 0; k < 2; k++) {
@@ -54,6 +54,6 @@ static void test_refused(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_head), cmocka_unit_test(test_torso),
-                                     cmocka_unit_test(test_again), cmocka_unit_test(test_refused)};
+                                     cmocka_unit_test(test_again_long), cmocka_unit_test(test_refused)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

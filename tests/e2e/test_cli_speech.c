@@ -64,7 +64,7 @@ static void test_last_frame_outlasts_the_sound(void **state) {
   ern_context_free(&context);
 }
 
-static void test_render(void **state) {
+static void test_render_long(void **state) {
   (void)state;
   cli_run(&cli, "render m.safetensors --clip clip --audio clip/aud.wav -o said.mp4");
   cli_expect(&cli, 0, "with sound", NULL);
@@ -109,7 +109,7 @@ static void test_render(void **state) {
 }
 
 /* 13 numbers may be anybody's: a head that learnt them does not speak from a sound. */
-static void test_others(void **state) {
+static void test_others_long(void **state) {
   (void)state;
   cli_run(&cli, "features clip/aud.wav --warp 1.2 -o mine.npy --quiet");
   cli_expect(&cli, 0, NULL);
@@ -205,7 +205,7 @@ static void test_text(void **state) {
 }
 
 /* What is at the table's name and is no table of the program stays: a text, a link's target, a pipe. */
-static void test_table_of_others(void **state) {
+static void test_table_of_others_long(void **state) {
   (void)state;
   static const char *const there[] = {"printf 'mine\\n' > t.run/measures.csv", "ln -s ../mine.csv t.run/measures.csv",
                                       "mkfifo t.run/measures.csv"};
@@ -239,12 +239,12 @@ static void test_check(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_features),
-                                     cmocka_unit_test(test_render),
+                                     cmocka_unit_test(test_render_long),
                                      cmocka_unit_test(test_last_frame_outlasts_the_sound),
                                      cmocka_unit_test(test_mouth),
-                                     cmocka_unit_test(test_others),
+                                     cmocka_unit_test(test_others_long),
                                      cmocka_unit_test(test_text),
-                                     cmocka_unit_test(test_table_of_others),
+                                     cmocka_unit_test(test_table_of_others_long),
                                      cmocka_unit_test(test_check)};
   return cmocka_run_group_tests(tests, make, NULL);
 }

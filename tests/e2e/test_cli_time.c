@@ -35,7 +35,7 @@ static bool has_torso(const char *model) {
   return has;
 }
 
-static void test_head_and_torso(void **state) {
+static void test_head_and_torso_long(void **state) {
   (void)state;
   cli_run(&cli, TIMED " --time 6s");
   cli_expect(&cli, 0, "5 s in all", "a preview", "writes p.head.safetensors", "1 s in all",
@@ -112,7 +112,7 @@ static void test_refused(void **state) {
 }
 
 /* The published schedule is that of these options. */
-static void test_paper(void **state) {
+static void test_paper_long(void **state) {
   (void)state;
   support_clear("paper.safetensors"), support_clear("paper.run");
   support_clear("same.safetensors"), support_clear("same.run");
@@ -129,8 +129,8 @@ static void test_paper(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_head_and_torso), cmocka_unit_test(test_head_alone),
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_head_and_torso_long), cmocka_unit_test(test_head_alone),
                                      cmocka_unit_test(test_stopped_head), cmocka_unit_test(test_refused),
-                                     cmocka_unit_test(test_paper)};
+                                     cmocka_unit_test(test_paper_long)};
   return cmocka_run_group_tests(tests, make_clips, NULL);
 }

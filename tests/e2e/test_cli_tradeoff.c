@@ -188,7 +188,7 @@ static void test_bad_input(void **state) {
 }
 
 /* A disk that takes no picture: what was begun is taken away, and nothing half-written stays. */
-static void test_full_disk(void **state) {
+static void test_full_disk_long(void **state) {
   (void)state;
   cli_run_full(&cli, 3000, "tradeoff m.safetensors '%s' -o full --frames 0:2 --seconds 1 --quiet", clip);
   cli_expect(&cli, 1, "full/", "cannot write", NULL);
@@ -227,7 +227,7 @@ int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(test_files),
       cmocka_unit_test(test_bad_input),
-      cmocka_unit_test(test_full_disk),
+      cmocka_unit_test(test_full_disk_long),
       cmocka_unit_test(test_image_scale),
   };
   return cmocka_run_group_tests(tests, make_model, NULL);

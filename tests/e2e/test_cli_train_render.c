@@ -99,7 +99,7 @@ static void stop_training(const char *name, int signal) {
 }
 
 /* Interrupted, or killed outright, and resumed: the same bytes as in one go. */
-static void test_resume(void **state) {
+static void test_resume_long(void **state) {
   (void)state;
   stop_training("stopped", SIGINT);
   cli_expect(&cli, 128 + SIGINT, "ernerf train: stopped after step", "of 40", "--resume", NULL);
@@ -124,7 +124,7 @@ static void test_resume(void **state) {
   cli_same_bytes("head.safetensors", "killed.safetensors");
 }
 
-static void test_threads(void **state) {
+static void test_threads_long(void **state) {
   (void)state;
   static const int threads[] = {1, 2, 4};
   char name[64];
@@ -148,7 +148,7 @@ static void test_threads(void **state) {
   free(two);
 }
 
-static void test_average(void **state) {
+static void test_average_long(void **state) {
   (void)state;
   support_clear("few.safetensors"), support_clear("few.run");
   cli_run(&cli, "train clip -o few.safetensors --iters 3 --rays 64 --levels 4 --ema --ema-every 1");
@@ -339,7 +339,7 @@ static void test_sound(void **state) {
 }
 
 /* The largest seed is told as it was given, in the report and in the state, and a resume knows it again. */
-static void test_largest_seed(void **state) {
+static void test_largest_seed_long(void **state) {
   (void)state;
   static const char seed[] = "18446744073709551615";
   size_t bytes = 0;
@@ -558,12 +558,13 @@ static void test_no_blink(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_head),         cmocka_unit_test(test_resume),          cmocka_unit_test(test_threads),
-      cmocka_unit_test(test_average),      cmocka_unit_test(test_torso),           cmocka_unit_test(test_video),
-      cmocka_unit_test(test_video_pixels), cmocka_unit_test(test_sound),           cmocka_unit_test(test_stopped_video),
-      cmocka_unit_test(test_controls),     cmocka_unit_test(test_replay),          cmocka_unit_test(test_pictures),
-      cmocka_unit_test(test_eval),         cmocka_unit_test(test_eval_of_pytorch), cmocka_unit_test(test_no_blink),
-      cmocka_unit_test(test_largest_seed)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_head),          cmocka_unit_test(test_resume_long),
+                                     cmocka_unit_test(test_threads_long),  cmocka_unit_test(test_average_long),
+                                     cmocka_unit_test(test_torso),         cmocka_unit_test(test_video),
+                                     cmocka_unit_test(test_video_pixels),  cmocka_unit_test(test_sound),
+                                     cmocka_unit_test(test_stopped_video), cmocka_unit_test(test_controls),
+                                     cmocka_unit_test(test_replay),        cmocka_unit_test(test_pictures),
+                                     cmocka_unit_test(test_eval),          cmocka_unit_test(test_eval_of_pytorch),
+                                     cmocka_unit_test(test_no_blink),      cmocka_unit_test(test_largest_seed_long)};
   return cmocka_run_group_tests(tests, make_clip, NULL);
 }

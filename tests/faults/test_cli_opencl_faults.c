@@ -167,7 +167,7 @@ static double number(const json_t *object, const char *field) {
 }
 
 /* Half of what a step of so many rays takes: it goes on with fewer, and learns the same. */
-static void test_some_memory(void **state) {
+static void test_some_memory_long(void **state) {
   json_t *report[2];
   (void)state;
   for (int little = 0; little < 2; little++) {
@@ -228,7 +228,7 @@ static void copy_file(const char *from, const char *to) {
 }
 
 /* Lost right after the save of step 2: that state is whole, and goes on here and there. */
-static void test_lost_after_save(void **state) {
+static void test_lost_after_save_long(void **state) {
   (void)state;
   forget("x");
   fault("FILE", "x.run/state.safetensors");
@@ -318,7 +318,7 @@ static size_t damage(uint8_t *bytes, size_t count, size_t way) {
   }
 }
 
-static void test_cache(void **state) {
+static void test_cache_long(void **state) {
   static char paths[ENTRIES][512];
   char before[1024];
   (void)state;
@@ -355,7 +355,7 @@ static void test_cache(void **state) {
 }
 
 /* PoCL has a cache of its own: nothing is put into ours. */
-static void test_driver_with_a_cache(void **state) {
+static void test_driver_with_a_cache_long(void **state) {
   static char paths[ENTRIES][512];
   char before[1024];
   (void)state;
@@ -372,7 +372,7 @@ static void test_driver_with_a_cache(void **state) {
 }
 
 /* A folder that cannot be made or written: kernels are built each time. */
-static void test_no_cache(void **state) {
+static void test_no_cache_long(void **state) {
   char before[1024];
   (void)state;
   snprintf(before, sizeof before, "%s", getenv("XDG_CACHE_HOME"));
@@ -405,11 +405,17 @@ static void test_provenance(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_no_driver),       cmocka_unit_test(test_no_device),
-                                     cmocka_unit_test(test_build),           cmocka_unit_test(test_no_memory),
-                                     cmocka_unit_test(test_some_memory),     cmocka_unit_test(test_lost_early),
-                                     cmocka_unit_test(test_lost_after_save), cmocka_unit_test(test_from_cpu),
-                                     cmocka_unit_test(test_cache),           cmocka_unit_test(test_driver_with_a_cache),
-                                     cmocka_unit_test(test_no_cache),        cmocka_unit_test(test_provenance)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_no_driver),
+                                     cmocka_unit_test(test_no_device),
+                                     cmocka_unit_test(test_build),
+                                     cmocka_unit_test(test_no_memory),
+                                     cmocka_unit_test(test_some_memory_long),
+                                     cmocka_unit_test(test_lost_early),
+                                     cmocka_unit_test(test_lost_after_save_long),
+                                     cmocka_unit_test(test_from_cpu),
+                                     cmocka_unit_test(test_cache_long),
+                                     cmocka_unit_test(test_driver_with_a_cache_long),
+                                     cmocka_unit_test(test_no_cache_long),
+                                     cmocka_unit_test(test_provenance)};
   return cmocka_run_group_tests(tests, make_model, NULL);
 }

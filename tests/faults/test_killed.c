@@ -4,7 +4,7 @@
  * model is the same, byte for byte, as that of a training that nothing ended. A comparison that is killed leaves a
  * folder that the next one takes for its own.
  *
- *   ERNERF_TEST_KILLS=1000   kills at random moments (8)
+ *   ERNERF_TEST_KILLS=1000   kills at random moments (3)
  *   ERNERF_TEST_CALLS=1      every call, not each of a few (0)
  *   ERNERF_TEST_SEED=7       of the moments (1) */
 #include <errno.h>
@@ -100,7 +100,7 @@ static void kill_after(size_t calls, double moment) {
 
 static void test_random_moments(void **state) {
   (void)state;
-  const uint32_t kills = journey_number("ERNERF_TEST_KILLS", 8), seed = journey_number("ERNERF_TEST_SEED", 1);
+  const uint32_t kills = journey_number("ERNERF_TEST_KILLS", 3), seed = journey_number("ERNERF_TEST_SEED", 1);
   const struct fault none = {.folder = "killed.", .kinds = (1u << FAULT_KINDS) - 1};
   uint32_t killed = 0, trainings = 0, torn = 0, later = 0;
   int64_t least = -1;
@@ -189,7 +189,7 @@ static void test_each_call(void **state) {
 /* ---- a comparison ------------------------------------------------------------------------------------------------ */
 
 /* Killed at each of its calls in the folder: the next comparison takes the folder for one of its own. */
-static void test_comparison(void **state) {
+static void test_comparison_long(void **state) {
   (void)state;
   static const char line[] =
       "compare whole.safetensors whole.safetensors clip -o compared --split train --frames 0:1 --quiet %s";
@@ -221,6 +221,6 @@ static void test_comparison(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_random_moments), cmocka_unit_test(test_each_call),
-                                     cmocka_unit_test(test_comparison)};
+                                     cmocka_unit_test(test_comparison_long)};
   return cmocka_run_group_tests(tests, make_clip, close_all);
 }

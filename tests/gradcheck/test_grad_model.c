@@ -84,7 +84,7 @@ static void scene_open_of(struct scene *s, struct kinds kinds) {
                                           .torso_gamma = true,
                                           .codes = 3,
                                           .bound = 1};
-  *s = (struct scene){.context = support_context(), .most = getenv("ERNERF_TEST_LONG") != NULL ? PROBES : 8};
+  *s = (struct scene){.context = support_context(), .most = getenv("ERNERF_TEST_LONG") != NULL ? PROBES : 3};
   support_ok(s->context, ern_cpu_backend_make(s->context, ERN_ISA_REF64, &s->backend));
   support_ok(s->context, s->backend->stream_make(s->backend, 2, &s->stream));
   support_ok(s->context, ern_parameters_build(s->context, &config, &s->field, &s->table));
@@ -281,7 +281,7 @@ static void check_kinds(struct kinds kinds, const char *prefix, size_t rays, siz
   scene_close(&s);
 }
 
-static void test_attentions(void **state) {
+static void test_attentions_long(void **state) {
   (void)state;
   const ern_backbone backbone = ERN_BACKBONE_TRIHASH;
   check_kinds((struct kinds){backbone, ERN_ATTENTION_FEATURE, ERN_EYE_ATTENTION_SIGMOID, false}, "", 3, 4);
@@ -296,7 +296,7 @@ static void test_view(void **state) {
   check_kinds((struct kinds){.no_view = true}, "", 3, 4);
 }
 
-static void test_grids(void **state) {
+static void test_grids_long(void **state) {
   (void)state;
   check_kinds((struct kinds){ERN_BACKBONE_HASH3D, ERN_ATTENTION_CHANNEL, ERN_EYE_ATTENTION_SIGMOID, false}, "", 3, 4);
   check_kinds((struct kinds){ERN_BACKBONE_TRIPLANE, ERN_ATTENTION_FEATURE, ERN_EYE_ATTENTION_SIGMOID, false}, "", 3, 4);
@@ -393,9 +393,9 @@ int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_head_photometric_entropy_ambient),
                                      cmocka_unit_test(test_head_uncertainty),
                                      cmocka_unit_test(test_head_eye_ambient),
-                                     cmocka_unit_test(test_attentions),
+                                     cmocka_unit_test(test_attentions_long),
                                      cmocka_unit_test(test_view),
-                                     cmocka_unit_test(test_grids),
+                                     cmocka_unit_test(test_grids_long),
                                      cmocka_unit_test(test_mlp),
                                      cmocka_unit_test(test_pose),
                                      cmocka_unit_test(test_torso)};

@@ -138,6 +138,7 @@ int main(int argc, char **argv) {
   bool found = false;
   if (!read_options(argc, argv)) return usage();
   machines.seed = options.seed;
+  if (!is_long() && !is_small()) cmocka_set_skip_filter("*_long");
   if (options.list) return list();
   for (size_t i = 0; i < COUNT_OF(nouns); i++) {
     if (options.op != NULL && strcmp(options.op, nouns[i]->name) != 0) continue;

@@ -220,7 +220,7 @@ static void test_models(void **state) {
 }
 
 /* Heads whose colour is not told the direction, with and without what else its first layer may read. */
-static void test_without_view(void **state) {
+static void test_without_view_long(void **state) {
   (void)state;
   for (int codes = 0; codes <= 2; codes += 2) {
     struct scene scene = scene_make_of(false, 12, codes > 0, codes, emulated_side(33), emulated_side(26), 8);
@@ -360,7 +360,7 @@ static double change(const struct scene *scene, const float *now, const float *b
 }
 
 /* Speech and eyes so strong that each of them decides what is seen: none of the density's inputs may be lost. */
-static void test_every_input_counts(void **state) {
+static void test_every_input_counts_long(void **state) {
   (void)state;
   for (int levels = 11; levels <= 14; levels++) {
     if (is_sampled() && levels % 3 != 2) continue;
@@ -413,13 +413,13 @@ static void bench(void) {
 
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(test_models),
-    cmocka_unit_test(test_without_view),
+    cmocka_unit_test(test_without_view_long),
     cmocka_unit_test(test_settings),
     cmocka_unit_test(test_occupancies_and_densities),
     cmocka_unit_test(test_lists_of_pixels),
     cmocka_unit_test(test_unprepared),
     cmocka_unit_test(test_frames_follow),
     cmocka_unit_test(test_threads_and_outputs),
-    cmocka_unit_test(test_every_input_counts),
+    cmocka_unit_test(test_every_input_counts_long),
 };
 NOUN(render, bench, .in_double = true, .bf16 = true, .more = add_emulated)

@@ -359,7 +359,7 @@ static void test_accumulates(void **state) {
 }
 
 /* A few rays at a time give the same step, in double to its rounding: sums are made in another order. */
-static void test_parts(void **state) {
+static void test_parts_long(void **state) {
   (void)state;
   static const size_t at_once[] = {1, 7, 63, 64, 332};
   static const int chosen[] = {1, 2, 5, 12};
@@ -514,6 +514,6 @@ static void bench(void) {
 }
 
 static const struct CMUnitTest tests[] = {cmocka_unit_test(test_step),        cmocka_unit_test(test_threads),
-                                          cmocka_unit_test(test_accumulates), cmocka_unit_test(test_parts),
+                                          cmocka_unit_test(test_accumulates), cmocka_unit_test(test_parts_long),
                                           cmocka_unit_test(test_densities),   cmocka_unit_test(test_bf16)};
 NOUN(step, bench, .in_double = true, .bf16 = true)

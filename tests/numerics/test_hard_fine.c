@@ -109,7 +109,7 @@ static void train_on(const char *output, bool resume, uint64_t steps, ern_train_
 
 /* Stopped before, at and after its beginning, with poses refined, for 1 and 2 threads. Whoever goes on need not say
  * that it has begun; a resume with ERN_FINE_ALL lets it begin. */
-static void test_resumed_fine_stage(void **state) {
+static void test_resumed_fine_stage_long(void **state) {
   (void)state;
   ern_train_config config = fine_config(12, 6);
   made.lips = (ern_box){12, 15, 6, 14};
@@ -234,7 +234,7 @@ static void test_refused_fine_stage(void **state) {
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_patch_places),
                                      cmocka_unit_test(test_rays_of_a_fine_step),
-                                     cmocka_unit_test(test_resumed_fine_stage),
+                                     cmocka_unit_test(test_resumed_fine_stage_long),
                                      cmocka_unit_test(test_loss_of_the_program),
                                      cmocka_unit_test(test_fine_stage_of_flat_pictures),
                                      cmocka_unit_test(test_refused_fine_stage)};

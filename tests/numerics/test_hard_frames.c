@@ -179,7 +179,7 @@ static void test_kept_frames_of_silent_and_huge_speech(void **state) {
 
 /* ---- poses ---- */
 
-static void test_frame_of_the_usual(void **state) {
+static void test_frame_of_the_usual_long(void **state) {
   (void)state;
   const ern_frame_input input = usual();
   expect_drawn(&input);
@@ -525,7 +525,7 @@ static void test_frame_of_no_size(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_frame_of_the_usual),
+      cmocka_unit_test(test_frame_of_the_usual_long),
       cmocka_unit_test(test_frame_of_the_mean_code),
       cmocka_unit_test(test_kept_frames_of_silent_and_huge_speech),
       cmocka_unit_test(test_frame_of_a_singular_pose),

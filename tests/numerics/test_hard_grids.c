@@ -90,7 +90,7 @@ static void check_ends(const struct ern_grid *grid) {
   free(f);
   free(table);
 }
-static void test_coordinates_at_the_ends(void **state) {
+static void test_coordinates_at_the_ends_long(void **state) {
   (void)state;
   each_grid(check_ends);
 }
@@ -269,7 +269,7 @@ static int open_grids(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_coordinates_at_the_ends),
+      cmocka_unit_test(test_coordinates_at_the_ends_long),
       cmocka_unit_test(test_coordinate_one_ulp_outside),
       cmocka_unit_test(test_coordinate_that_is_no_number),
       cmocka_unit_test(test_coordinate_minus_zero),

@@ -51,7 +51,7 @@ static void expect_painted(const struct painted *p) {
 /* Networks of 32 units, inputs of sines: some hundred roundings of 2^-23 of numbers of about 1. */
 static const double NETS = 256 * 0x1p-23;
 
-static void test_painted_odd_sizes(void **state) {
+static void test_painted_odd_sizes_long(void **state) {
   (void)state;
   static const int sides[][2] = {{1, 1}, {1, 17}, {17, 1}, {3, 5}, {4, 4}, {15, 16}, {49, 33}, {97, 2}};
   for (size_t s = 0; s < COUNT_OF(sides); s++) {
@@ -237,7 +237,7 @@ static void test_painted_tables_of_huge_and_denormal_values(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_painted_odd_sizes),
+      cmocka_unit_test(test_painted_odd_sizes_long),
       cmocka_unit_test(test_painted_saturated),
       cmocka_unit_test(test_painted_deformed_without_end),
       cmocka_unit_test(test_painted_with_layers_of_1e12),

@@ -273,7 +273,7 @@ static void test_recorded_head(void **state) {
   (void)state;
   every_isa(recorded_head);
 }
-static void test_recorded_torso(void **state) {
+static void test_recorded_torso_long(void **state) {
   (void)state;
   const int predictable = predictable_steps();
   assert_true(predictable >= 5);
@@ -285,6 +285,6 @@ static void test_recorded_torso(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_plain_gradients), cmocka_unit_test(test_recorded_head),
-                                     cmocka_unit_test(test_recorded_torso)};
+                                     cmocka_unit_test(test_recorded_torso_long)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -323,7 +323,7 @@ static void test_cancel(void **state) {
 
 /* A room of patches in the person's own colours, which only their standing still tells from the person. Changes the
  * frames, as the next one does. */
-static void test_cluttered(void **state) {
+static void test_cluttered_long(void **state) {
   struct truth *t = *state;
   static const uint8_t colours[6][3] = {{205, 160, 135}, {120, 85, 60},  {60, 80, 70},
                                         {90, 60, 45},    {200, 120, 60}, {170, 160, 165}};
@@ -367,7 +367,7 @@ static void test_key(void **state) {
   ern_image_free(t->context, &background);
 }
 
-static void test_nothing(void **state) {
+static void test_nothing_long(void **state) {
   struct truth *t = *state;
   struct run run = {.options = ern_prepare_options_default()};
   uint8_t *rgb = malloc(3 * (size_t)pixels);
@@ -387,7 +387,7 @@ static void test_nothing(void **state) {
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_truth),    cmocka_unit_test(test_no_shoulders),
                                      cmocka_unit_test(test_supplied), cmocka_unit_test(test_background),
-                                     cmocka_unit_test(test_cancel),   cmocka_unit_test(test_cluttered),
-                                     cmocka_unit_test(test_key),      cmocka_unit_test(test_nothing)};
+                                     cmocka_unit_test(test_cancel),   cmocka_unit_test(test_cluttered_long),
+                                     cmocka_unit_test(test_key),      cmocka_unit_test(test_nothing_long)};
   return cmocka_run_group_tests(tests, make_truth, free_truth);
 }

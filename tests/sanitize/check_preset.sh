@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# The tests once more, built otherwise: all quick ones with `clang`, the second compiler, and with `asan` (address,
+# The tests once more, built otherwise: those labelled quick or minutes with `clang`, the second compiler, and with `asan` (address,
 # undefined behaviour, leaks); with `tsan` (data races) those that train and render in threads; with `msan` (clang: values
 # that were never set) the kernels and their tests. Builds in WORK, which is kept: half an hour the first time.
 # OpenCL stays out of `tsan`: its driver is not built with it, and each of its locks would be reported.
@@ -10,8 +10,8 @@
 set -euo pipefail
 source=$1 work=$2 cmake=$3 preset=$4
 case $preset in
-  asan | clang) choice=(-L '^quick$' -E 'check_neon|sanitize/|api/test_install') ;;
-  tsan) choice=(-R '(unit|files)/test_(two_renderers|ray_reuse|trainer|torso|occupancy_prune|silence|video|live|stream)$|e2e/test_cli_train_render') ;;
+  asan | clang) choice=(-L '^(quick|minutes)$' -E 'check_neon|sanitize/|api/test_install') ;;
+  tsan) choice=(-R '(unit|files)/test_(two_renderers|ray_reuse|trainer|torso|occupancy_prune|silence|video|live|stream)(_long)?$|e2e/test_cli_train_render') ;;
   msan) choice=() ;;
   *) echo "FAIL: no preset $preset"; exit 1 ;;
 esac

@@ -367,7 +367,7 @@ static void test_frame(void **state) {
     assert_true(fabs(pass[count - 1].evaluated - (double)info.lit) <= SPENT);
 }
 
-static void test_step(void **state) {
+static void test_step_long(void **state) {
   (void)state;
   const ern_bench_options options = quick();
   ern_bench_pass pass[2], again[2];
@@ -438,7 +438,7 @@ int main(void) {
     cmocka_unit_test(test_device_peaks),
 #endif
     cmocka_unit_test(test_frame),
-    cmocka_unit_test(test_step),
+    cmocka_unit_test(test_step_long),
     cmocka_unit_test(test_refused),
   };
   return cmocka_run_group_tests(tests, set_up, tear_down);

@@ -171,7 +171,7 @@ static void train_late(int threads, bool resumed, float *grid, float *values) {
   ern_trainer_free(&trainer);
 }
 
-static void test_late(void **state) {
+static void test_late_long(void **state) {
   (void)state;
   static const int threads[] = {2, 4, 1};
   float *grid[2], *values[2];
@@ -355,7 +355,7 @@ int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_trihash),       cmocka_unit_test(test_hash3d),
                                      cmocka_unit_test(test_triplane),      cmocka_unit_test(test_mlp),
                                      cmocka_unit_test(test_interval),      cmocka_unit_test(test_turns),
-                                     cmocka_unit_test(test_late),          cmocka_unit_test(test_poses),
+                                     cmocka_unit_test(test_late_long),     cmocka_unit_test(test_poses),
                                      cmocka_unit_test(test_pose_mean),     cmocka_unit_test(test_poses_left_alone),
                                      cmocka_unit_test(test_poses_are_kept)};
   return cmocka_run_group_tests(tests, prepare, close_all);

@@ -102,7 +102,7 @@ static void test_refused(void **state) {
 }
 
 /* A clip of a text: its sound, a jaw that follows the phonemes, the person of the seed, and no file of features. */
-static void test_clip(void **state) {
+static void test_clip_long(void **state) {
   (void)state;
   static const char text[] = "Mama opened a big brown box of apples.";
   ern_spoken spoken;
@@ -153,6 +153,6 @@ static void test_clip(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_phonemes), cmocka_unit_test(test_mouth),
-                                     cmocka_unit_test(test_refused), cmocka_unit_test(test_clip)};
+                                     cmocka_unit_test(test_refused), cmocka_unit_test(test_clip_long)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -85,7 +85,7 @@ static void test_resume(void **state) {
   made_close(&m);
 }
 
-static void test_torso_resume(void **state) {
+static void test_torso_resume_long(void **state) {
   (void)state;
   struct made m;
   ern_model *head = NULL, *portrait = NULL;
@@ -219,7 +219,7 @@ static void test_another_clip_or_configuration(void **state) {
 }
 
 /* Without --resume an earlier training stands until the first save of the new one. */
-static void test_earlier_training_untouched(void **state) {
+static void test_earlier_training_untouched_long(void **state) {
   (void)state;
   struct made m;
   ern_trainer *trainer = NULL;
@@ -248,7 +248,7 @@ static void expect_refused(struct made *m, const ern_train_config *config, const
 }
 
 /* Without resume and overwrite an earlier training is not even begun upon. */
-static void test_earlier_is_kept(void **state) {
+static void test_earlier_is_kept_long(void **state) {
   (void)state;
   struct made m;
   made_open(&m);
@@ -428,7 +428,7 @@ static void test_ema(void **state) {
 
 /* Saves before the tenth update write what a training without the average writes; later ones do not, nor does a resume
  * change any of it. */
-static void test_ema_before_its_time(void **state) {
+static void test_ema_before_its_time_long(void **state) {
   (void)state;
   struct made m;
   ern_trainer *trainer = NULL;
@@ -457,7 +457,7 @@ static void test_ema_before_its_time(void **state) {
 }
 
 /* The head under a torso's average is the head, also after a resume. */
-static void test_ema_of_a_torso(void **state) {
+static void test_ema_of_a_torso_long(void **state) {
   (void)state;
   struct made m;
   ern_model *head = NULL;
@@ -479,7 +479,7 @@ static void test_ema_of_a_torso(void **state) {
 }
 
 /* Densities of cells change with the first step of each three, and with no other. */
-static void test_refresh_every(void **state) {
+static void test_refresh_every_long(void **state) {
   (void)state;
   struct made m;
   ern_trainer *trainer = NULL;
@@ -537,22 +537,22 @@ int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_threads),
                                      cmocka_unit_test(test_seed),
                                      cmocka_unit_test(test_resume),
-                                     cmocka_unit_test(test_torso_resume),
+                                     cmocka_unit_test(test_torso_resume_long),
                                      cmocka_unit_test(test_damaged_state),
                                      cmocka_unit_test(test_nonfinite),
                                      cmocka_unit_test(test_lock),
                                      cmocka_unit_test(test_another_clip_or_configuration),
-                                     cmocka_unit_test(test_earlier_training_untouched),
-                                     cmocka_unit_test(test_earlier_is_kept),
+                                     cmocka_unit_test(test_earlier_training_untouched_long),
+                                     cmocka_unit_test(test_earlier_is_kept_long),
                                      cmocka_unit_test(test_model_that_came_meanwhile),
                                      cmocka_unit_test(test_resume_past_the_end),
                                      cmocka_unit_test(test_stop_saves),
                                      cmocka_unit_test(test_lock_after_fork),
                                      cmocka_unit_test(test_from),
                                      cmocka_unit_test(test_ema),
-                                     cmocka_unit_test(test_ema_before_its_time),
-                                     cmocka_unit_test(test_ema_of_a_torso),
-                                     cmocka_unit_test(test_refresh_every),
+                                     cmocka_unit_test(test_ema_before_its_time_long),
+                                     cmocka_unit_test(test_ema_of_a_torso_long),
+                                     cmocka_unit_test(test_refresh_every_long),
                                      cmocka_unit_test(test_bad_configuration)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }
