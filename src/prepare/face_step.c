@@ -35,14 +35,21 @@ enum {
   FEW_FRAMES = 10 * ERN_PREPARE_RATE /* with fewer, training learns little */
 };
 
+struct area { /* pixels x0 .. x1-1, y0 .. y1-1 */
+  int x0, y0, x1, y1;
+};
+
 struct scan {
   struct ern_prepare_job *job;
   struct ern_face_detector *detector;
   struct ern_found_face *faces; /* [looks]: the main face of each look; width 0: none */
   size_t looks, capacity, found, with_others;
-  float thumb[THUMB * THUMB], change, most_change; /* last frame's; mean grey level change */
-  float usual;                                     /* running mean of the change */
-  size_t cut;                                      /* first frame after a cut; 0: no cut */
+  float thumb[THUMB * THUMB], change; /* last frame's; mean grey level change */
+  float around[THUMB * THUMB];        /* the same of `place`, round the last face that was found */
+  struct area place;                  /* empty: no face yet */
+  float most_change;                  /* the largest of the picture or of `place`: a small person changes few pixels */
+  float usual;                        /* running mean of the change */
+  size_t cut;                         /* first frame after a cut; 0: no cut */
   size_t frames;
   double end;    /* time of the video's end in seconds, where the part reaches it; else 0 */
   size_t before; /* frames searched for a segment, for the progress */
@@ -52,12 +59,13 @@ struct scan {
   double aspect;
 };
 
-/* Scales the grey picture down by means of blocks. */
-static void shrink(const ern_image *image, float thumb[THUMB * THUMB]) {
+/* Scales an area of the grey picture down by means of blocks. */
+static void shrink(const ern_image *image, struct area of, float thumb[THUMB * THUMB]) {
+  const int width = of.x1 - of.x0, height = of.y1 - of.y0;
   for (int v = 0; v < THUMB; v++)
     for (int u = 0; u < THUMB; u++) {
-      const int x0 = u * image->width / THUMB, x1 = (u + 1) * image->width / THUMB;
-      const int y0 = v * image->height / THUMB, y1 = (v + 1) * image->height / THUMB;
+      const int x0 = of.x0 + u * width / THUMB, x1 = of.x0 + (u + 1) * width / THUMB;
+      const int y0 = of.y0 + v * height / THUMB, y1 = of.y0 + (v + 1) * height / THUMB;
       const int sx = x1 - x0 > 16 ? (x1 - x0) / 8 : 1, sy = y1 - y0 > 16 ? (y1 - y0) / 8 : 1;
       double sum = 0;
       int count = 0;
@@ -70,6 +78,16 @@ static void shrink(const ern_image *image, float thumb[THUMB * THUMB]) {
     }
 }
 
+/* Mean difference from the last thumbnail of the area, whose place the new one takes. */
+static float change_of(const ern_image *image, struct area of, float last[THUMB * THUMB]) {
+  float thumb[THUMB * THUMB];
+  double sum = 0;
+  shrink(image, of, thumb);
+  for (int i = 0; i < THUMB * THUMB; i++) sum += fabs((double)thumb[i] - (double)last[i]);
+  memcpy(last, thumb, sizeof thumb);
+  return (float)(sum / (THUMB * THUMB));
+}
+
 /* The first frame after a cut, 0: no cut. A cut changes the picture by far more than a moving person does, and by far
  * more than the change before it, as a camera or a person who moves starts more slowly. The first change has none
  * before it and is compared with the one after it. */
@@ -80,15 +98,12 @@ static size_t cut_at(const struct scan *s, float before) {
 }
 
 static void compare(struct scan *s, const ern_image *image) {
-  float thumb[THUMB * THUMB];
-  double sum = 0;
-  shrink(image, thumb);
-  for (int i = 0; i < THUMB * THUMB; i++) sum += fabs((double)thumb[i] - (double)s->thumb[i]);
-  memcpy(s->thumb, thumb, sizeof thumb);
+  const float change = change_of(image, (struct area){0, 0, image->width, image->height}, s->thumb);
   if (s->frames == 0) return;
   const float before = s->change;
-  s->change = (float)(sum / (THUMB * THUMB));
-  if (s->change > s->most_change) s->most_change = s->change;
+  s->change = change;
+  s->most_change = fmaxf(s->most_change, change);
+  if (s->place.x1 > 0) s->most_change = fmaxf(s->most_change, change_of(image, s->place, s->around));
   const size_t cut = cut_at(s, before);
   if (s->cut == 0) s->cut = cut;
   if (s->search != NULL && s->search->cut == 0) s->search->cut = cut;
@@ -110,6 +125,17 @@ static const struct ern_found_face *choose(const struct scan *s, const struct er
   return best;
 }
 
+/* The next changes round the face are measured in a square of twice its width. */
+static void watch(struct scan *s, const ern_image *image, const struct ern_found_face *face) {
+  const float x = face->x + 0.5f * face->width, y = face->y + 0.5f * face->height;
+  const struct area place = {(int)fmaxf(x - face->width, 0), (int)fmaxf(y - face->width, 0),
+                             (int)fminf(x + face->width, (float)image->width),
+                             (int)fminf(y + face->width, (float)image->height)};
+  if (place.x1 <= place.x0 || place.y1 <= place.y0) return;
+  s->place = place;
+  shrink(image, place, s->around);
+}
+
 static ern_status look(struct scan *s, const ern_image *image) {
   ern_status status = ERN_OK;
   struct ern_found_face found[FACES], *larger = NULL;
@@ -127,6 +153,7 @@ static ern_status look(struct scan *s, const ern_image *image) {
   if (count > 0) {
     face = *choose(s, found, count);
     s->found++;
+    watch(s, image, &face);
     size_t others = 0; /* with eyes: a detection without eyes is often no face */
     for (size_t i = 0; i < count; i++) others += found[i].has_eyes && found[i].width > 0.5f * face.width;
     s->with_others += others > 1;

@@ -8,14 +8,14 @@
 #include "core/memory.h"
 #include "ernerf/media.h"
 
-enum { FRAMES = 26, SIDE = 160 };
+enum { FRAMES = 26, SIDE = 160, WIDE = 6 * SIDE, HIGH = 4 * SIDE };
 static struct cli cli;
 static ern_image frames[FRAMES];
 
 /* How a made video differs from the first one. */
-enum kind { STILL, CUT, DIM, SILENT, NOBODY, TINY, SHORT, MUTED, KINDS };
-static const char *const names[KINDS] = {"still.mp4",  "cut.mp4",  "dim.mp4",   "silent.mp4",
-                                         "nobody.mp4", "tiny.mp4", "short.mp4", "muted.mp4"};
+enum kind { STILL, CUT, DIM, SILENT, NOBODY, TINY, SHORT, MUTED, SMALL, KINDS };
+static const char *const names[KINDS] = {"still.mp4", "cut.mp4",   "dim.mp4",   "silent.mp4", "nobody.mp4",
+                                         "tiny.mp4",  "short.mp4", "muted.mp4", "small.mp4"};
 
 static void paint(enum kind kind, int k, uint8_t *rgba) {
   const ern_image *from = &frames[kind == STILL ? 0 : k];
@@ -30,16 +30,28 @@ static void paint(enum kind kind, int k, uint8_t *rgba) {
   }
 }
 
+/* A lecture: the person is a small part of a picture that keeps still otherwise. */
+static void paint_small(int k, uint8_t *rgba) {
+  memset(rgba, 90, (size_t)4 * WIDE * HIGH);
+  for (int y = 0; y < SIDE; y++)
+    for (int x = 0; x < SIDE; x++)
+      memcpy(rgba + 4 * ((size_t)(y + SIDE) * WIDE + (size_t)(x + SIDE)), frames[k].data + 3 * (y * SIDE + x), 3);
+}
+
 static void make_video(ern_context *context, enum kind kind, const ern_sound *sound) {
-  static uint8_t rgba[4 * SIDE * SIDE];
-  ern_video_options options = ern_video_options_default(kind == TINY ? 2 : SIDE, kind == TINY ? 2 : SIDE);
+  static uint8_t rgba[4 * WIDE * HIGH];
+  const int side = kind == TINY ? 2 : SIDE;
+  ern_video_options options = ern_video_options_default(kind == SMALL ? WIDE : side, kind == SMALL ? HIGH : side);
   ern_video_writer *writer = NULL;
   ern_sound muted = *sound;
   muted.data = calloc(muted.frames * (size_t)muted.channels, sizeof *muted.data);
   if (kind != SILENT) options.sound = kind == MUTED ? &muted : sound;
   support_ok(context, ern_video_writer_open(context, names[kind], &options, &writer));
   for (int k = 0; k < (kind == SHORT ? FRAMES / 2 : FRAMES); k++) {
-    paint(kind, k, rgba);
+    if (kind == SMALL)
+      paint_small(k, rgba);
+    else
+      paint(kind, k, rgba);
     support_ok(context, ern_video_writer_frame(writer, rgba));
   }
   support_ok(context, ern_video_writer_close(&writer));
@@ -98,6 +110,13 @@ static void test_verdicts(void **state) {
   expect_verdict("cut.mp4", "cut", "--to");
   expect_verdict("nobody.mp4", "no face was found in 1 s", "expected a person");
   expect_verdict("short.mp4", "0.52 s long", "expected at least 1 s");
+}
+
+static void test_small_person(void **state) {
+  (void)state;
+  support_clear("clip");
+  cli_run(&cli, "prepare small.mp4 -o clip --size 160 --only face");
+  cli_expect(&cli, 0, "1.0 s long", NULL);
 }
 
 /* A light that goes down within a fifth of a second is no cut. */
@@ -297,14 +316,10 @@ static void test_folders(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_verdicts),
-                                     cmocka_unit_test(test_light_long),
-                                     cmocka_unit_test(test_inputs_and_links),
-                                     cmocka_unit_test(test_files_of_others),
-                                     cmocka_unit_test(test_muted),
-                                     cmocka_unit_test(test_silent_long),
-                                     cmocka_unit_test(test_no_detector),
-                                     cmocka_unit_test(test_no_videos),
-                                     cmocka_unit_test(test_folders)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_verdicts),        cmocka_unit_test(test_small_person),
+                                     cmocka_unit_test(test_light_long),      cmocka_unit_test(test_inputs_and_links),
+                                     cmocka_unit_test(test_files_of_others), cmocka_unit_test(test_muted),
+                                     cmocka_unit_test(test_silent_long),     cmocka_unit_test(test_no_detector),
+                                     cmocka_unit_test(test_no_videos),       cmocka_unit_test(test_folders)};
   return cmocka_run_group_tests(tests, make, NULL);
 }
