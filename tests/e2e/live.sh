@@ -43,10 +43,10 @@ fi
 # there already: refused; what is no sound: nothing is left
 live --audio clip/aud.wav -o a.mp4 2> err.txt && fail "a.mp4 was replaced"
 refused 1 1 "is there already"
-cp live.mp4 kept.mp4
-status=0; live --audio clip/aud.wav -o "file://$PWD/live.mp4" 2> err.txt || status=$?
+cp a.mp4 kept.mp4
+status=0; live --audio clip/aud.wav -o "file://$PWD/a.mp4" 2> err.txt || status=$?
 refused 1 $status "is there already"
-cmp live.mp4 kept.mp4 || fail "file:// replaced live.mp4"
+cmp a.mp4 kept.mp4 || fail "file:// replaced a.mp4"
 head -c 9000 /dev/urandom > noise.bin
 status=0; live --audio noise.bin -o noise.mp4 --as-fast 2> err.txt || status=$?
 refused 1 $status "noise.bin"
@@ -93,8 +93,8 @@ tail -c 16 taken.mp4 | grep -qa mfro || fail "mp4: has no end"
 if [ -n "${ERNERF_TEST_LONG-}" ]; then
   "$ernerf" live head.safetensors --clip clip --quiet --duration 60 -o taken --format raw 2> err.txt &
   program=$!
-  for _ in $(seq 600); do grep -q agreed err.txt && break; sleep 0.1; done # the model is read; next is the FIFO
-  sleep 2
+  for _ in $(seq 600); do grep -q agreed err.txt && break; sleep 0.1; done # the model is read; next are the measurement of its speed and the FIFO
+  sleep 6
   kill -TERM $program
   status=0; wait $program || status=$?
   refused 143 $status "had a reader"
