@@ -137,9 +137,9 @@ ERN_API ERN_NODISCARD ern_status ern_stream_writer_open(ern_context *context, co
 /* Writes the next picture and its sound. rgba: [height][width][4]; only "raw" keeps alpha. NULL repeats the picture
  * before; as the first picture it is black ("raw": zeros). samples: [frames][sound_channels], a frame being one sample
  * of each channel here; full scale is 1; may be NULL where frames is 0; ignored where the stream has no sound.
- * ERN_E_IO: the receiver has left, or the disk is full. ERN_E_CANCELLED: `stop` ended the call. After an error other
- * than ERN_E_ARGUMENT every later call fails with the same status, ern_stream_writer_close too; that one keeps what a
- * file has. */
+ * ERN_E_NONFINITE: a sample is not finite, and nothing is written. ERN_E_IO: the receiver has left, or the disk is
+ * full. ERN_E_CANCELLED: `stop` ended the call. After an error other than ERN_E_ARGUMENT and ERN_E_NONFINITE every
+ * later call fails with the same status, ern_stream_writer_close too; that one keeps what a file has. */
 ERN_API ERN_NODISCARD ern_status ern_stream_writer_frame(ern_stream_writer *writer, const uint8_t *rgba,
                                                          const float *samples, size_t frames);
 /* Writes what the encoders still hold and the end of the container, closes the output, and frees the writer, also on

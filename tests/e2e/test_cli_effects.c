@@ -142,9 +142,8 @@ static void test_speech(void **state) {
   remove("mute/aud_ds.npy");
   support_ok(context, ern_npy_write_f32(context, "mute/aud_ds.npy", windows, 3, (const size_t[]){FRAMES, 16, 29}));
   ern_context_free(&context);
-  json_t *report = check("mute", "camera eye codes view torso", "audio");
-  assert_true(measure(report, "feature_change") < 1e-6); /* sums of equal numbers, in double */
-  json_decref(report);
+  cli_run(&cli, "check mute");
+  cli_expect_out(&cli, 1, "aud_ds.npy: is the same in every window, so the mouth would not move", "Not ready", NULL);
 }
 
 /* ---- train ------------------------------------------------------------------------------------------------------- */

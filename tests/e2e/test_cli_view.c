@@ -40,6 +40,9 @@ static void test_seen_as_trained(void **state) {
   cli_expect(&cli, 0,
              "m.safetensors was trained with --scale 3 --audio-pad zero; it is drawn with --scale 4 --audio-pad edge",
              NULL);
+  assert_true(plain == eval_psnr("m.safetensors clip --dt_gamma 0.5"));
+  cli_expect(&cli, 0, "--dt_gamma 0.5 changes nothing with 24 samples a ray", "--max_steps above 128", NULL);
+  assert_null(strstr(cli.err, "was trained with"));
   cli_run(&cli, "convert m.safetensors m.pth");
   cli_expect(&cli, 0, "give the public program --scale 3 --dt_gamma 0.01 --max_steps 24", NULL);
   assert_true(plain == eval_psnr("m.pth clip"));

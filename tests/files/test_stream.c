@@ -316,13 +316,30 @@ static void test_options_are_checked(void **state) {
   assert_int_equal(access("x.mp4", F_OK), -1);
 }
 
+/* Nothing is written of a frame whose sound is not finite, and the stream goes on. */
+static void test_sound_is_finite(void **state) {
+  (void)state;
+  static uint8_t rgba[SIDE * SIDE * 4];
+  float samples[SAMPLES] = {0};
+  ern_stream_writer *writer = NULL;
+  const ern_stream_options options = options_of_stream("nut");
+  (void)unlink("finite.nut");
+  support_ok(context, ern_stream_writer_open(context, "finite.nut", &options, &writer));
+  samples[SAMPLES - 1] = NAN;
+  support_expect(context, ern_stream_writer_frame(writer, rgba, samples, SAMPLES), ERN_E_NONFINITE, "finite.nut", "639",
+                 "nan", NULL);
+  samples[SAMPLES - 1] = 0;
+  support_ok(context, ern_stream_writer_frame(writer, rgba, samples, SAMPLES));
+  support_ok(context, ern_stream_writer_close(&writer));
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(test_each_form_has_exact_times),    cmocka_unit_test(test_raw_pictures_and_y4m),
       cmocka_unit_test(test_sound_is_read_as_it_comes),    cmocka_unit_test(test_what_is_no_sound_is_refused),
       cmocka_unit_test(test_scheme_decides_before_ending), cmocka_unit_test(test_rtsp_is_connected_to),
       cmocka_unit_test(test_waits_end_when_asked_to),      cmocka_unit_test(test_options_are_checked),
-      cmocka_unit_test(test_only_files_and_networks),
+      cmocka_unit_test(test_only_files_and_networks),      cmocka_unit_test(test_sound_is_finite),
   };
   return cmocka_run_group_tests(tests, set_up, tear_down);
 }

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT
  * Writes streams of pictures and sound to files, pipes and URLs. */
+#include <math.h>
 #include <stdio.h>
 #include <string.h>
 #include <unistd.h>
@@ -276,6 +277,11 @@ ern_status ern_stream_writer_frame(ern_stream_writer *writer, const uint8_t *rgb
   ERN_PLAIN_FLOATS;
   ERN_NEED(NULL, writer);
   if (frames > 0) ERN_NEED(writer->context, samples);
+  const size_t channels = writer->sound.codec != NULL ? (size_t)writer->options.sound_channels : 0;
+  for (size_t i = 0; i < frames * channels; i++)
+    if (!isfinite(samples[i]))
+      return ern_fail(writer->context, ERN_E_NONFINITE, "%s: sample %zu of channel %zu is %g, expected a finite number",
+                      writer->url, i / channels, i % channels, (double)samples[i]);
   if (writer->broken != ERN_OK)
     return ern_fail(writer->context, writer->broken, "%s: an earlier call failed, nothing more can be written",
                     writer->url);

@@ -10,7 +10,7 @@
 
 #include "ernerf/speech.h"
 
-enum { SPEECH_FRAMES = 6, AUDIO_WINDOWS = 8 };
+enum { SPEECH_FRAMES = 6, AUDIO_WINDOWS = 8, EVEN_STEPS = 128 /* up to so many a ray, all samples are equally far */ };
 
 /* Costs less than 0.01 dB on every measured clip, and saves a sixth of the samples (docs/history-rendering.md). */
 static const float TRANSMITTANCE_STOP = 3e-3f;
@@ -52,7 +52,8 @@ void portrait_options(struct portrait *portrait, enum frame_source_split split,
        .target = &render->dt_gamma,
        .low = 0,
        .high = 1,
-       .help = "growth of the sample spacing along a ray with distance (default as in training)"},
+       .help = "growth of the sample spacing along a ray with distance; needs more than 128 --max_steps (default as "
+               "in training)"},
       {.name = "transmittance_stop",
        .kind = OPTION_FLOAT,
        .target = &render->transmittance_stop,
@@ -115,6 +116,7 @@ static void take_view(struct portrait *portrait, struct session *session, const 
   if (!gamma) render->dt_gamma = info->dt_gamma;
   if (!steps) render->max_steps = info->max_steps;
   if (!pad) portrait->audio_pad = (int)info->audio_pad;
+  const bool spaced = render->max_steps > EVEN_STEPS;
   const struct {
     const char *name;
     double trained, asked;
@@ -123,7 +125,7 @@ static void take_view(struct portrait *portrait, struct session *session, const 
                  {"max_steps", info->max_steps, render->max_steps},
                  {"torso_shrink", (double)info->torso_shrink, (double)render->torso_shrink}};
   for (size_t i = 0; i < sizeof numbers / sizeof *numbers; i++) {
-    if (numbers[i].trained == numbers[i].asked || (i == 3 && !info->has_torso)) continue;
+    if (numbers[i].trained == numbers[i].asked || (i == 3 && !info->has_torso) || (i == 1 && !spaced)) continue;
     bytes_print(&trained, " --%s %.6g", numbers[i].name, numbers[i].trained);
     bytes_print(&asked, " --%s %.6g", numbers[i].name, numbers[i].asked);
   }
@@ -134,6 +136,9 @@ static void take_view(struct portrait *portrait, struct session *session, const 
   if (info->has_view_settings && asked.count > 0)
     session_warn(session, "%s was trained with%.*s; it is drawn with%.*s, as asked", portrait->model_path,
                  (int)trained.count, (const char *)trained.data, (int)asked.count, (const char *)asked.data);
+  if (!spaced && render->dt_gamma != info->dt_gamma)
+    session_warn(session, "--dt_gamma %g changes nothing with %d samples a ray, expected --max_steps above %d",
+                 (double)render->dt_gamma, render->max_steps, EVEN_STEPS);
   bytes_free(&trained);
   bytes_free(&asked);
 }
