@@ -264,7 +264,7 @@ static void test_lost_after_save_long(void **state) {
 }
 
 /* A state of the CPU goes on on the device. */
-static void test_from_cpu(void **state) {
+static void test_from_cpu_long(void **state) {
   (void)state;
   forget("x");
   cli_run(&cli, "train %s -y -o x.safetensors --iters 2 %s --quiet", clip, STEPS);
@@ -412,7 +412,7 @@ int main(void) {
                                      cmocka_unit_test(test_some_memory_long),
                                      cmocka_unit_test(test_lost_early),
                                      cmocka_unit_test(test_lost_after_save_long),
-                                     cmocka_unit_test(test_from_cpu),
+                                     cmocka_unit_test(test_from_cpu_long),
                                      cmocka_unit_test(test_cache_long),
                                      cmocka_unit_test(test_driver_with_a_cache_long),
                                      cmocka_unit_test(test_no_cache_long),
