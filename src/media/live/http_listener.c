@@ -88,8 +88,9 @@ static const char *refusal(const struct listener *l, const char *head) {
   if (find_field(head, "Host", host) != 1) return "400 Bad Request";
   if (!is_own_host(l, host)) return "403 Forbidden";
   const int origins = find_field(head, "Origin", origin);
-  const bool same = strncasecmp(origin, "http://", 7) == 0 && strcasecmp(origin + 7, host) == 0;
-  return origins == 0 || (origins == 1 && same) ? NULL : "403 Forbidden";
+  if (origins == 0) return NULL;
+  const bool same = origins == 1 && strncasecmp(origin, "http://", 7) == 0 && strcasecmp(origin + 7, host) == 0;
+  return same ? NULL : "403 Forbidden";
 }
 
 /* ---- connections ------------------------------------------------------------------------------------------------- */

@@ -277,14 +277,14 @@ ern_status ern_stream_writer_frame(ern_stream_writer *writer, const uint8_t *rgb
   ERN_PLAIN_FLOATS;
   ERN_NEED(NULL, writer);
   if (frames > 0) ERN_NEED(writer->context, samples);
+  if (writer->broken != ERN_OK)
+    return ern_fail(writer->context, writer->broken, "%s: an earlier call failed, nothing more can be written",
+                    writer->url);
   const size_t channels = writer->sound.codec != NULL ? (size_t)writer->options.sound_channels : 0;
   for (size_t i = 0; i < frames * channels; i++)
     if (!isfinite(samples[i]))
       return ern_fail(writer->context, ERN_E_NONFINITE, "%s: sample %zu of channel %zu is %g, expected a finite number",
                       writer->url, i / channels, i % channels, (double)samples[i]);
-  if (writer->broken != ERN_OK)
-    return ern_fail(writer->context, writer->broken, "%s: an earlier call failed, nothing more can be written",
-                    writer->url);
   writer->broken = or_stopped(writer, write_frame(writer, rgba, samples, frames));
   if (writer->broken != ERN_OK) (void)ern_last_error_copy(writer->context, writer->reason, sizeof writer->reason);
   return writer->broken;
