@@ -33,6 +33,9 @@ endif()
 if(TARGET ernerf-probe-opencl) # started by libernerf, not by users
   install(TARGETS ernerf-probe-opencl RUNTIME DESTINATION ${CMAKE_INSTALL_LIBDIR}/ernerf)
 endif()
+if(ERNERF_OPENCL) # for a machine with a GPU and without a compiler
+  install(PROGRAMS ${PROJECT_SOURCE_DIR}/tools/device-check DESTINATION ${CMAKE_INSTALL_DATADIR}/ernerf)
+endif()
 install(DIRECTORY ${PROJECT_SOURCE_DIR}/include/ernerf DESTINATION ${CMAKE_INSTALL_INCLUDEDIR} FILES_MATCHING PATTERN *.h)
 
 install(FILES ${PROJECT_SOURCE_DIR}/LICENSE ${PROJECT_SOURCE_DIR}/README.md ${PROJECT_SOURCE_DIR}/NEWS.md

@@ -57,6 +57,9 @@ void machines_open_as(const struct machines_wish *wish);
 /* Opens all of them, number 0 in double, and prints them, so that a log shows what was checked. */
 void machines_open_on(bool devices);
 void machines_add(const char *name, const char *isa, const char *form);
+/* Whether the kernels' form for CPUs is checked too: not on a GPU, whose compiler takes minutes for its vectors of 16.
+ */
+bool has_form_for_cpus(const ern_backend *backend);
 /* Free the arrays, and the memory of held_memory, that were created since machines were opened, or since a mark. */
 struct machines_mark {
   size_t spans, holds;
