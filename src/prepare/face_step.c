@@ -504,9 +504,11 @@ ern_status ern_prepare_face(struct ern_prepare_job *job) {
   ERN_TRY(write_sound(job, &sound));
   job->frames = scan.frames;
   ERN_TRY(ern_prepare_faces_write(job, scan.faces, take_faces(&scan, region)));
+  char hash[65]; /* by which `ernerf dub` knows the video */
+  ERN_TRY(ern_file_sha256(job->context, job->video, hash));
   json_t *crop =
-      json_pack("{s:f, s:f, s:f, s:f, s:i, s:i, s:i}", "x", region[0], "y", region[1], "width", region[2], "side",
-                region[3], "size", job->side, "video_width", scan.width, "video_height", scan.height);
+      json_pack("{s:f, s:f, s:f, s:f, s:i, s:i, s:i, s:s}", "x", region[0], "y", region[1], "width", region[2], "side",
+                region[3], "size", job->side, "video_width", scan.width, "video_height", scan.height, "sha256", hash);
   if (crop == NULL || json_object_set_new(job->record, "crop", crop) != 0)
     ERN_TRY(ern_fail(job->context, ERN_E_NO_MEMORY, "%s: no memory for its record", job->folder));
 fail:

@@ -18,6 +18,7 @@ static const struct verb verbs[] = {
     {"prepare", "make a clip, the input of train, from the video of a person", cmd_prepare},
     {"train", "learn a head, or the torso for it, from a clip", cmd_train},
     {"render", "render a model, speech and head poses as a video or pictures", cmd_render},
+    {"dub", "let the person in a recorded video say new words", cmd_dub},
     {"join", "join videos of successive frames into one, without re-encoding", cmd_join},
     {"detect", "find the watermark of a key in a video", cmd_detect},
     {"live", "render speech while it is spoken, as a stream", cmd_live},

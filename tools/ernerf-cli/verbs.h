@@ -11,6 +11,7 @@ struct verb {
 int cmd_prepare(int argc, char **argv);
 int cmd_train(int argc, char **argv);
 int cmd_render(int argc, char **argv);
+int cmd_dub(int argc, char **argv);
 int cmd_join(int argc, char **argv);
 int cmd_detect(int argc, char **argv);
 int cmd_live(int argc, char **argv);

@@ -1,0 +1,12 @@
+/* SPDX-License-Identifier: MIT
+ * The composite of a dubbed frame, by OpenCV. */
+#ifndef ERN_MEDIA_DUB_H
+#define ERN_MEDIA_DUB_H
+
+#include "core/status.h"
+#include "ernerf/media.h"
+
+/* Draws on rgba, which holds the recorded frame; the input is checked. */
+ERN_NODISCARD ern_status ern_dub_compose(ern_context *context, const ern_dub_input *input, uint8_t *rgba, bool *drawn);
+
+#endif

@@ -1,0 +1,201 @@
+/* SPDX-License-Identifier: MIT
+ * The mask and the colours of a dubbed frame, by OpenCV. Lengths are in shares of the face's width, the distance
+ * between the ends of the jaw's line. No exception and no C++ type leaves this file. */
+#include <algorithm>
+#include <cmath>
+#include <exception>
+#include <new>
+#include <opencv2/imgproc.hpp>
+#include <vector>
+
+extern "C" {
+#include "media/dub.h"
+}
+
+namespace {
+
+constexpr float least_face = 16;             /* pixels */
+constexpr float mouth_growth = 1.45F;        /* so that no recorded lips or teeth are beside the rendered ones */
+constexpr float inside_jaw = 0.04F;          /* the recorded jaw stays: its edge is that of the recorded neck */
+constexpr float feather = 0.03F;             /* standard deviation of the mask's edge */
+constexpr float margin = 0.35F;              /* of the region that is looked at, round the lower face */
+constexpr float match_deviation = 0.15F;     /* of the low-pass that colours are matched in */
+constexpr float match_most = 15;             /* grey levels */
+constexpr float sure_opacity = 0.95F;        /* of the rendered head: its edge carries a light rim */
+constexpr float least_cover = 0.5F;          /* of the mask, by the rendered head */
+constexpr int ring_low = 8, ring_high = 153; /* of 255: where the mask is an edge */
+
+enum { JAW_RIGHT = 2, JAW_LEFT = 14, NOSE = 29, LIPS = 48, LIPS_END = 60 };
+
+/* The part of the frame that is looked at, and the face in it. */
+struct face {
+  cv::Rect box;                       /* pixels of the frame */
+  std::vector<cv::Point2f> landmarks; /* pixels of the box */
+  float width;
+};
+
+cv::Mat disc(float radius) {
+  const int r = std::max(1, (int)std::lround(radius));
+  return cv::getStructuringElement(cv::MORPH_ELLIPSE, cv::Size(2 * r + 1, 2 * r + 1));
+}
+
+/* A Gaussian blur; a wide one at a smaller size, which costs less and looks the same. */
+cv::Mat low_pass(const cv::Mat &picture, float deviation) {
+  const int shrink = std::max(1, (int)(deviation / 4));
+  cv::Mat out;
+  if (shrink == 1) {
+    cv::GaussianBlur(picture, out, cv::Size(), std::max(deviation, 0.3F), 0, cv::BORDER_REPLICATE);
+    return out;
+  }
+  cv::Mat small;
+  const cv::Size size((picture.cols + shrink - 1) / shrink, (picture.rows + shrink - 1) / shrink);
+  cv::resize(picture, small, size, 0, 0, cv::INTER_AREA);
+  cv::GaussianBlur(small, small, cv::Size(), deviation / (float)shrink, 0, cv::BORDER_REPLICATE);
+  cv::resize(small, out, picture.size(), 0, 0, cv::INTER_LINEAR);
+  return out;
+}
+
+/* False: the face is too small, or its lower half leaves the square. */
+bool find_face(const ern_dub_input &in, face &found) {
+  const cv::Rect square(in.square[0], in.square[1], in.square[2], in.square[3]);
+  std::vector<cv::Point2f> at;
+  for (const auto &point : in.landmarks)
+    at.emplace_back((float)square.x + point[0] * (float)square.width,
+                    (float)square.y + point[1] * (float)square.height);
+  for (const cv::Point2f &point : at)
+    if (std::abs(point.x) > 4.0F * ERN_IMAGE_MAX_SIDE || std::abs(point.y) > 4.0F * ERN_IMAGE_MAX_SIDE) return false;
+  found.width = (float)cv::norm(at[16] - at[0]);
+  std::vector<cv::Point2f> lower(at.begin() + JAW_RIGHT, at.begin() + JAW_LEFT + 1);
+  lower.insert(lower.end(), at.begin() + LIPS, at.begin() + LIPS_END);
+  lower.push_back(at[NOSE]);
+  const cv::Rect tight = cv::boundingRect(lower);
+  if (found.width < least_face || (tight & square) != tight) return false;
+  const int grow = (int)std::ceil(margin * found.width);
+  found.box = cv::Rect(tight.x - grow, tight.y - grow, tight.width + 2 * grow, tight.height + 2 * grow) & square;
+  for (cv::Point2f &point : at) point -= cv::Point2f((float)found.box.x, (float)found.box.y);
+  found.landmarks = at;
+  return true;
+}
+
+void fill_hull(cv::Mat &mask, const std::vector<cv::Point2f> &points) {
+  std::vector<cv::Point> whole, hull;
+  for (const cv::Point2f &point : points) whole.emplace_back((int)std::lround(point.x), (int)std::lround(point.y));
+  cv::convexHull(whole, hull);
+  cv::fillConvexPoly(mask, hull, cv::Scalar(255));
+}
+
+/* A picture of the square, in the box. */
+cv::Mat cut(const ern_dub_input &in, const face &f, const cv::Mat &picture) {
+  cv::Mat sized = picture;
+  const cv::Size size(in.square[2], in.square[3]);
+  if (picture.size() != size)
+    cv::resize(picture, sized, size, 0, 0, picture.cols > size.width ? cv::INTER_AREA : cv::INTER_LINEAR);
+  return sized(f.box - cv::Point(in.square[0], in.square[1]));
+}
+
+/* 255 where the recorded head is. */
+cv::Mat head_recorded(const ern_dub_input &in, const face &f) {
+  if (in.recorded_head == nullptr) return cv::Mat(f.box.size(), CV_8U, cv::Scalar(255));
+  const ern_image &head = *in.recorded_head;
+  cv::Mat there;
+  cv::threshold(cut(in, f, cv::Mat(head.height, head.width, CV_8U, head.data)), there, 127, 255, cv::THRESH_BINARY);
+  return there;
+}
+
+/* 0..255: the lower face inside the jaw and the recorded mouth, inside the recorded head, with a soft edge. */
+cv::Mat mask_of(const face &f, const cv::Mat &head) {
+  const std::vector<cv::Point2f> &at = f.landmarks;
+  cv::Mat lower = cv::Mat::zeros(f.box.size(), CV_8U), mouth = lower.clone(), inside, edge;
+  std::vector<cv::Point2f> outline(at.begin() + JAW_RIGHT, at.begin() + JAW_LEFT + 1), lips;
+  outline.push_back(0.5F * (at[JAW_LEFT] + at[NOSE]));
+  outline.push_back(at[NOSE]);
+  outline.push_back(0.5F * (at[JAW_RIGHT] + at[NOSE]));
+  fill_hull(lower, outline);
+  cv::erode(lower, lower, disc(inside_jaw * f.width), cv::Point(-1, -1), 1, cv::BORDER_CONSTANT, cv::Scalar(0));
+  cv::Point2f middle(0, 0);
+  for (int i = LIPS; i < LIPS_END; i++) middle += at[(size_t)i] * (1.0F / (LIPS_END - LIPS));
+  for (int i = LIPS; i < LIPS_END; i++) lips.push_back(middle + mouth_growth * (at[(size_t)i] - middle));
+  fill_hull(mouth, lips);
+  cv::erode(head, inside, disc(0.02F * f.width));
+  cv::bitwise_and(mouth, inside, mouth);
+  cv::Mat mask = low_pass(lower | mouth, feather * f.width);
+  cv::erode(head, inside, disc(0.015F * f.width));
+  low_pass(inside, 0.012F * f.width).convertTo(edge, CV_8U, 2, -255);
+  return cv::min(mask, edge);
+}
+
+/* The head's colours where it is certain to be, continued outwards by normalised blurs of growing width; `there`
+ * becomes 1 where there is a colour. */
+cv::Mat continue_colours(const cv::Mat &colour, const cv::Mat &sure, float width, cv::Mat &there) {
+  cv::Mat known = sure.clone(), weight3, known3, masked;
+  cv::merge(std::vector<cv::Mat>(3, sure), weight3);
+  masked = colour.mul(weight3);
+  cv::Mat out = masked.clone();
+  for (float deviation = 0.01F; deviation < 0.2F; deviation *= 2) {
+    const cv::Mat weight = low_pass(sure, deviation * width);
+    cv::Mat blurred = low_pass(masked, deviation * width), use = (known < 0.5) & (weight > 0.08);
+    cv::merge(std::vector<cv::Mat>(3, cv::max(weight, 1e-6)), weight3);
+    cv::divide(blurred, weight3, blurred);
+    blurred.copyTo(out, use);
+    known.setTo(1, use);
+  }
+  there = known;
+  return out;
+}
+
+/* Adds to the head's colours the low frequencies of what the recorded skin differs by in the mask's edge. */
+void match(cv::Mat &colour, const cv::Mat &recorded, const cv::Mat &ring, float width) {
+  cv::Mat apart = cv::min(cv::max(recorded - colour, -match_most), match_most), ring3, weight3;
+  cv::merge(std::vector<cv::Mat>(3, ring), ring3);
+  apart = low_pass(apart.mul(ring3), match_deviation * width);
+  cv::merge(std::vector<cv::Mat>(3, low_pass(ring, match_deviation * width) + 1e-4), weight3);
+  cv::divide(apart, weight3, apart);
+  colour += apart;
+}
+
+bool compose(const ern_dub_input &in, uint8_t *rgba) {
+  face f;
+  if (!find_face(in, f)) return false;
+  cv::Mat frame = cv::Mat(in.height, in.width, CV_8UC4, rgba)(f.box), recorded, head, opacity, sure, there, ring;
+  const cv::Mat drawn = cut(in, f, cv::Mat(in.head_side, in.head_side, CV_8UC4, const_cast<uint8_t *>(in.head)));
+  const cv::Mat head_there = head_recorded(in, f), mask = mask_of(f, head_there);
+  cv::cvtColor(frame, recorded, cv::COLOR_RGBA2RGB);
+  cv::cvtColor(drawn, head, cv::COLOR_RGBA2RGB);
+  cv::extractChannel(drawn, opacity, 3);
+  const cv::Mat inner = mask >= 128;
+  const int wanted = cv::countNonZero(inner);
+  if (wanted == 0 || (float)cv::countNonZero(inner & (opacity >= 128)) < least_cover * (float)wanted) return false;
+
+  cv::erode(opacity > 255 * sure_opacity, sure, disc(0.02F * f.width));
+  sure.convertTo(sure, CV_32F, 1 / 255.0);
+  recorded.convertTo(recorded, CV_32F);
+  head.convertTo(head, CV_32F);
+  cv::Mat colour = continue_colours(head, sure, f.width, there);
+  recorded.copyTo(colour, there < 0.5);
+  cv::Mat((mask >= ring_low) & (mask <= ring_high) & head_there & (there > 0.5)).convertTo(ring, CV_32F, 1 / 255.0);
+  match(colour, recorded, ring, f.width);
+
+  cv::Mat share, share3;
+  mask.convertTo(share, CV_32F, 1 / 255.0);
+  cv::merge(std::vector<cv::Mat>(3, share), share3);
+  cv::Mat out = recorded + share3.mul(colour - recorded), bytes;
+  out.convertTo(bytes, CV_8U);
+  const int channels[] = {0, 0, 1, 1, 2, 2};
+  cv::mixChannels(&bytes, 1, &frame, 1, channels, 3);
+  return true;
+}
+
+}  // namespace
+
+extern "C" ern_status ern_dub_compose(ern_context *context, const ern_dub_input *input, uint8_t *rgba, bool *drawn) {
+  try {
+    *drawn = compose(*input, rgba);
+    return ERN_OK;
+  } catch (const std::bad_alloc &) {
+    return ern_fail(context, ERN_E_NO_MEMORY, "dub: no memory for a frame of %d x %d", input->width, input->height);
+  } catch (const std::exception &error) {
+    return ern_fail(context, ERN_E_MEDIA, "dub: OpenCV: %s", error.what());
+  } catch (...) {
+    return ern_fail(context, ERN_E_MEDIA, "dub: OpenCV failed and gave no reason");
+  }
+}
