@@ -100,6 +100,12 @@ int open_machines(void **state) {
   return 0;
 }
 
+int open_hosts(void **state) {
+  (void)state;
+  machines_open_on(getenv("ERNERF_TEST_LONG") != NULL);
+  return 0;
+}
+
 struct machines_mark machines_mark(void) {
   return (struct machines_mark){machines.spans, machines.holds};
 }

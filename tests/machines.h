@@ -69,6 +69,7 @@ struct machines_mark machines_mark(void);
 void machines_clear_to(struct machines_mark mark);
 void machines_close(void);
 int open_machines(void **state); /* for cmocka_run_group_tests */
+int open_hosts(void **state); /* without devices, which build kernels for seconds; with ERNERF_TEST_LONG also these */
 int close_machines(void **state);
 bool is_device(int k); /* one of OpenCL */
 bool in_double(int k);

@@ -212,7 +212,7 @@ static void test_train_long(void **state) {
 }
 
 /* A head of a clip whose torso pictures are transparent goes on as a head alone, also with --time. */
-static void test_from_without_torso(void **state) {
+static void test_from_without_torso_long(void **state) {
   (void)state;
   static const char small[] = "--rays 32 --levels 2 --validate-frames 1";
   support_clear("b.safetensors"), support_clear("b.run"), support_clear("c.safetensors"), support_clear("c.run");
@@ -289,7 +289,7 @@ int main(void) {
                                      cmocka_unit_test(test_torso),
                                      cmocka_unit_test(test_speech),
                                      cmocka_unit_test(test_train_long),
-                                     cmocka_unit_test(test_from_without_torso),
+                                     cmocka_unit_test(test_from_without_torso_long),
                                      cmocka_unit_test(test_use_long),
                                      cmocka_unit_test(test_refusals)};
   return cmocka_run_group_tests(tests, make_clips, NULL);

@@ -120,7 +120,7 @@ static void test_quick_look(void **state) {
   free(second);
 }
 
-static void test_out_of_reach(void **state) {
+static void test_out_of_reach_long(void **state) {
   (void)state;
   cli_run(&cli, "render m.safetensors --clip '%s' --frames 0:3 --hold-fps 10000 -y -o x.mp4", clip);
   cli_expect(&cli, 1, "--hold-fps 10000: no settings reach it on this machine: the fastest", "frames a second", NULL);
@@ -326,7 +326,7 @@ static void test_fine_stage_without_landmarks_long(void **state) {
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_curve),
                                      cmocka_unit_test(test_quick_look),
-                                     cmocka_unit_test(test_out_of_reach),
+                                     cmocka_unit_test(test_out_of_reach_long),
                                      cmocka_unit_test(test_front_long),
                                      cmocka_unit_test(test_words),
                                      cmocka_unit_test(test_training_long),

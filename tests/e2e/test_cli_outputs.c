@@ -136,7 +136,7 @@ static double number_of(const char *command, const char *name) {
 }
 
 /* A validation draws the model that a save writes: the average where that is asked for. */
-static void test_validation_of_the_average(void **state) {
+static void test_validation_of_the_average_long(void **state) {
   (void)state;
   static const char train[] = "train clip --rays 64 --iters 40 --levels 2 --ema-every 2 --validate-frames 0 --quiet";
   char average[200], weights[200];
@@ -383,7 +383,7 @@ int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(test_neighbours),      cmocka_unit_test(test_empty_folder_long),
       cmocka_unit_test(test_refused),         cmocka_unit_test(test_overwritten),
-      cmocka_unit_test(test_training),        cmocka_unit_test(test_validation_of_the_average),
+      cmocka_unit_test(test_training),        cmocka_unit_test(test_validation_of_the_average_long),
       cmocka_unit_test(test_run_folder_long), cmocka_unit_test(test_links),
       cmocka_unit_test(test_links_to_inputs), cmocka_unit_test(test_same_output),
       cmocka_unit_test(test_devices),         cmocka_unit_test(test_odd_names),

@@ -56,7 +56,7 @@ static void test_order(void **state) {
       assert_memory_equal(all, other, FRAMES * PIXEL_BYTES);
       free(other);
     }
-    for (size_t k = 0; k < FRAMES; k += 5) { /* alone: nothing is left over from the frame before */
+    for (size_t k = 5; k < FRAMES; k += 5) { /* alone: nothing is left over from the frame before */
       snprintf(words, sizeof words, "%s.safetensors --clip clip --frames %zu:%zu", models[m], k, k + 1);
       uint8_t *one = raw(words, PIXEL_BYTES);
       assert_memory_equal(all + k * PIXEL_BYTES, one, PIXEL_BYTES);

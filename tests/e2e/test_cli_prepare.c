@@ -344,7 +344,7 @@ static void test_moved(void **state) {
 }
 
 /* A host program whose locale writes 0,5 gets the bytes that any other gets. */
-static void test_comma_locale(void **state) {
+static void test_comma_locale_long(void **state) {
   (void)state;
   static const char *const files[] = {
       "au.csv",           "transforms_train.json", "transforms_val.json", "ori_imgs/7.lms", "prepare/faces.csv",
@@ -393,7 +393,7 @@ static void test_replaced_long(void **state) {
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_whole),
                                      cmocka_unit_test(test_truth),
-                                     cmocka_unit_test(test_comma_locale),
+                                     cmocka_unit_test(test_comma_locale_long),
                                      cmocka_unit_test(test_sound_ends_early),
                                      cmocka_unit_test(test_supplied_unread_long),
                                      cmocka_unit_test(test_second_call_long),

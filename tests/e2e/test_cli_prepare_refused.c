@@ -276,7 +276,7 @@ static void test_no_videos(void **state) {
 }
 
 /* Somebody's own files stay as they are, whatever is asked. */
-static void test_folders(void **state) {
+static void test_folders_long(void **state) {
   (void)state;
   support_clear("clip");
   support_clear("mine");
@@ -320,6 +320,6 @@ int main(void) {
                                      cmocka_unit_test(test_light_long),      cmocka_unit_test(test_inputs_and_links),
                                      cmocka_unit_test(test_files_of_others), cmocka_unit_test(test_muted),
                                      cmocka_unit_test(test_silent_long),     cmocka_unit_test(test_no_detector),
-                                     cmocka_unit_test(test_no_videos),       cmocka_unit_test(test_folders)};
+                                     cmocka_unit_test(test_no_videos),       cmocka_unit_test(test_folders_long)};
   return cmocka_run_group_tests(tests, make, NULL);
 }

@@ -145,7 +145,7 @@ static void test_public_features(void **state) {
 }
 
 /* A clip's file of features says its kind: another one of the same width is not what the model knows. */
-static void test_other_kind(void **state) {
+static void test_other_kind_long(void **state) {
   (void)state;
   static const char with[] = "--speech-model eo.onnx --speech-preset mine.json";
   support_write_text("mine.json",
@@ -190,7 +190,7 @@ static void test_no_library(void **state) {
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_features),        cmocka_unit_test(test_usage),
                                      cmocka_unit_test(test_model),           cmocka_unit_test(test_wrong_network),
-                                     cmocka_unit_test(test_public_features), cmocka_unit_test(test_other_kind),
+                                     cmocka_unit_test(test_public_features), cmocka_unit_test(test_other_kind_long),
                                      cmocka_unit_test(test_not_linked)},
                           without[] = {cmocka_unit_test(test_no_library), cmocka_unit_test(test_not_linked)};
   return ERN_VISION ? cmocka_run_group_tests(tests, make, NULL) : cmocka_run_group_tests(without, make, NULL);

@@ -391,7 +391,7 @@ static void expect_pixels(const uint8_t *reference, const char *words, size_t fr
 }
 
 /* Each of the controls moves something, and only where it should. */
-static void test_controls(void **state) {
+static void test_controls_long(void **state) {
   (void)state;
   uint8_t *plain = raw("head.safetensors --clip clip --frames 6:9", 3);
   for (size_t i = 3; i < 3 * PIXEL_BYTES; i += 4) assert_int_equal(plain[i], 255);
@@ -539,7 +539,7 @@ static void test_eval_of_pytorch(void **state) {
 }
 
 /* A clip without a blink signal makes a model without eyes to move. */
-static void test_no_blink(void **state) {
+static void test_no_blink_long(void **state) {
   (void)state;
   support_clear("open");
   cli_run(&cli, "synth open --size 64 --frames 8 --no-blink --static-camera --quiet");
@@ -562,9 +562,9 @@ int main(void) {
                                      cmocka_unit_test(test_threads_long),  cmocka_unit_test(test_average_long),
                                      cmocka_unit_test(test_torso),         cmocka_unit_test(test_video),
                                      cmocka_unit_test(test_video_pixels),  cmocka_unit_test(test_sound),
-                                     cmocka_unit_test(test_stopped_video), cmocka_unit_test(test_controls),
+                                     cmocka_unit_test(test_stopped_video), cmocka_unit_test(test_controls_long),
                                      cmocka_unit_test(test_replay),        cmocka_unit_test(test_pictures),
                                      cmocka_unit_test(test_eval),          cmocka_unit_test(test_eval_of_pytorch),
-                                     cmocka_unit_test(test_no_blink),      cmocka_unit_test(test_largest_seed_long)};
+                                     cmocka_unit_test(test_no_blink_long), cmocka_unit_test(test_largest_seed_long)};
   return cmocka_run_group_tests(tests, make_clip, NULL);
 }

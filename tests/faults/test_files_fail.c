@@ -298,27 +298,27 @@ static void each_call(const char *folder, unsigned kinds, enum fault_how how, in
 
 static void test_refused(void **state) {
   (void)state;
-  each_call("out/", (1u << FAULT_KINDS) - 1, FAULT_ERROR, EIO, "EIO", 1, 3);
+  each_call("out/", (1u << FAULT_KINDS) - 1, FAULT_ERROR, EIO, "EIO", 1, 4);
 }
 
 static void test_full(void **state) {
   (void)state;
-  each_call("out/", WRITES, FAULT_FULL, ENOSPC, "full disk", 1, 4);
+  each_call("out/", WRITES, FAULT_FULL, ENOSPC, "full disk", 1, 6);
 }
 
 static void test_half(void **state) {
   (void)state;
-  each_call("out/", 1u << FAULT_WRITE | 1u << FAULT_READ, FAULT_HALF, ENOSPC, "half", 1, 4);
+  each_call("out/", 1u << FAULT_WRITE | 1u << FAULT_READ, FAULT_HALF, ENOSPC, "half", 1, 6);
 }
 
 static void test_inputs_refused(void **state) {
   (void)state;
-  each_call("in/", 1u << FAULT_OPEN | 1u << FAULT_READ | 1u << FAULT_CLOSE, FAULT_ERROR, EIO, "EIO of an input", 1, 4);
+  each_call("in/", 1u << FAULT_OPEN | 1u << FAULT_READ | 1u << FAULT_CLOSE, FAULT_ERROR, EIO, "EIO of an input", 1, 6);
 }
 
 static void test_inputs_half(void **state) {
   (void)state;
-  each_call("in/", 1u << FAULT_READ, FAULT_HALF, EIO, "half of an input", 1, 4);
+  each_call("in/", 1u << FAULT_READ, FAULT_HALF, EIO, "half of an input", 1, 6);
 }
 
 int main(void) {

@@ -2,31 +2,14 @@
  * Every kernel on every machine against the reference: a file a noun, one program. Without options all of them. */
 #include "harness.h"
 
-#define NOUNS(N) \
-  N(activation)  \
-  N(attention)   \
-  N(audio)       \
-  N(composite)   \
-  N(encoding)    \
-  N(hashgrid)    \
-  N(head)        \
-  N(losses)      \
-  N(patches)     \
-  N(march)       \
-  N(memory)      \
-  N(mlp)         \
-  N(occupancy)   \
-  N(optimizer)   \
-  N(picture)     \
-  N(render)      \
-  N(step)        \
-  N(torso)       \
-  N(torso_pass)
-
-#define NOUN_DECLARED(which) extern const struct noun noun_##which;
-NOUNS(NOUN_DECLARED)
-#define NOUN_LISTED(which) &noun_##which,
-static const struct noun *const nouns[] = {NOUNS(NOUN_LISTED)};
+#define NOUN_ENTRY(which) extern const struct noun noun_##which;
+#include "noun_list.h"
+#undef NOUN_ENTRY
+#define NOUN_ENTRY(which) &noun_##which,
+static const struct noun *const nouns[] = {
+#include "noun_list.h"
+};
+#undef NOUN_ENTRY
 
 enum { PASSED = 0, FAILED = 1, MISUSED = 2, SKIPPED = 77 };
 

@@ -186,7 +186,7 @@ static void test_exact(void **state) {
       if ((s + i) % (is_emulated() ? (is_long() ? 3 : 18) : 1) == 0) check_exact(s, test_sizes[i], 15);
   }
   for (unsigned wanted = 0; wanted < 15; wanted += 5) check_exact(ODD, 100, wanted);
-  check_exact(ODD, is_emulated() ? 5000 : 30000, 15); /* several tiles a part */
+  check_exact(ODD, is_small() ? 1000 : is_emulated() ? 5000 : 30000, 15); /* several tiles a part */
 }
 
 /* A device with little local memory takes smaller tiles. */
@@ -232,7 +232,7 @@ static void test_none(void **state) {
 static void test_again(void **state) {
   (void)state;
   struct scene scene;
-  scene_make(&scene, DENSITY, is_emulated() ? 3000 : 20000, REAL, 1, 1);
+  scene_make(&scene, DENSITY, is_small() ? 300 : is_emulated() ? 3000 : 20000, REAL, 1, 1);
   const float *zeros = floats(scene.count);
   EACH_OTHER (k) {
     const float *first = NULL;
@@ -492,7 +492,7 @@ static void test_bounds(void **state) {
   static const size_t sizes[] = {1, 7, 8, 9, 15, 16, 17, 47, 48, 49, 95, 97, 333};
   static const float scale[][2] = {{0, 1}, {1e10f, 1e3f}, {1e-10f, 1}, {1, 1e-30f}, {1e4f, 1e-38f}};
   for (size_t s = 0; s < SHAPES; s++) {
-    const size_t most = shapes[s].width[1] == 256 ? 3 : COUNT_OF(sizes); /* 300,000 weights: a few are enough */
+    const size_t most = shapes[s].width[1] == 256 ? 3 : is_small() ? 10 : COUNT_OF(sizes); /* 300,000 weights: some */
     for (size_t i = 0; is_run_here(s) && i < most; i++)
       if ((s + i) % (is_emulated() ? (is_long() ? 2 : 15) : 1) == 0) check_bounds(s, sizes[i], 1, 1);
   }
@@ -534,7 +534,7 @@ static void test_real(void **state) {
   (void)state;
   static const float scale[][2] = {{0, 1}, {1e10f, 1e3f}, {1e-10f, 1}, {1, 1e-30f}, {1, 1e36f}, {1e4f, 1e-34f}};
   for (size_t s = 0; s < OF_MODEL; s++)
-    if (is_run_here(s)) check_real(s, is_emulated() && !is_long() ? 100 : 1000, 1, 1);
+    if (is_run_here(s)) check_real(s, is_small() ? 33 : 1000, 1, 1);
   for (size_t i = 0; i < COUNT_OF(scale); i++) check_real(DENSITY, 129, scale[i][0], scale[i][1]);
 }
 

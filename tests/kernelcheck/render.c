@@ -236,7 +236,7 @@ static void test_occupancies_and_densities(void **state) {
   for (int variant = 0; variant < 6; variant++) {
     if (is_emulated() && variant % 3 != 1) continue;
     static const float log_sigma[] = {0.01f, 40, 200};
-    struct scene scene = scene_make(12, true, 2, emulated_side(33), emulated_side(26), log_sigma[variant % 3]);
+    struct scene scene = scene_make(14, true, 3, emulated_side(33), emulated_side(26), log_sigma[variant % 3]);
     if (variant >= 3) memset(scene.bits, 0xff, ERN_OCCUPANCY_BYTES);
     char what[64];
     snprintf(what, sizeof what, "%s occupied, exponents of %g", variant >= 3 ? "all" : "a shell",
@@ -247,7 +247,7 @@ static void test_occupancies_and_densities(void **state) {
     check_scene(&scene, what);
     machines_clear();
   }
-  struct scene scene = scene_make(12, true, 2, 20, 20, 8);
+  struct scene scene = scene_make(14, true, 3, 20, 20, 8);
   memset(scene.bits, 0, ERN_OCCUPANCY_BYTES);
   assert_int_equal(hits(&scene), 0);
   check_scene(&scene, "nothing occupied");
@@ -261,7 +261,7 @@ static void test_settings(void **state) {
   static const int steps[] = {1, 2, 16, 300, ERN_MAX_STEPS};
   for (size_t i = 0; i < COUNT_OF(steps); i++) {
     if (is_emulated() && i % 2 == 0) continue;
-    struct scene scene = scene_make(12, true, 2, emulated_side(24), emulated_side(24), 4);
+    struct scene scene = scene_make(14, true, 3, emulated_side(24), emulated_side(24), 4);
     char what[64];
     scene.settings.max_steps = steps[i];
     snprintf(what, sizeof what, "%d steps", steps[i]);
@@ -274,7 +274,7 @@ static void test_settings(void **state) {
 static void test_lists_of_pixels(void **state) {
   (void)state;
   static const size_t counts[] = {1, 2, 15, 16, 17, 47, 48, 49, 65, 500, 899, 900};
-  struct scene scene = scene_make(12, true, 2, 30, 30, 8);
+  struct scene scene = scene_make(14, true, 3, 30, 30, 8);
   for (size_t i = 0; i < COUNT_OF(counts); i++) {
     char what[64];
     if (is_emulated() && counts[i] != 1 && counts[i] != 49) continue;
@@ -316,7 +316,7 @@ static const float *render(const struct scene *scene, int k, int threads, bool a
 static void test_threads_and_outputs(void **state) {
   (void)state;
   EACH_MACHINE (k) {
-    struct scene scene = scene_make(14, true, 2, emulated_side(90), emulated_side(70), 8);
+    struct scene scene = scene_make(14, true, 3, emulated_side(90), emulated_side(70), 8);
     const size_t stride = scene.rays + 5;
     if (k < 2) continue;
     const float *one = render(&scene, k, 1, true), *some = render(&scene, k, 2, false);

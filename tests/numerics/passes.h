@@ -63,7 +63,7 @@ static inline int close_passes(void **state) {
 }
 /* The model of test_hard_frames, so that its kernels are already built. */
 static inline int open_passes(void **state) {
-  open_machines(state);
+  open_hosts(state);
   passes_open(false, 0, true);
   return 0;
 }

@@ -46,7 +46,7 @@ static ern_model *model_make(int codes) {
 }
 
 static int open_portrait(void **state) {
-  open_machines(state);
+  open_hosts(state);
   portrait.model = model_make(0);
   for (int k = 0; k < machines.count; k++)
     support_ok(machines.context, ern_renderer_create(&portrait.renderer[k], machines.backend[k], portrait.model, NULL));

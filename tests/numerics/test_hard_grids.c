@@ -264,7 +264,7 @@ static int open_grids(void **state) {
   make(&hashed2d, 2, 14, 1, 64, 512, 1 << 14, true, 1);
   make(&hashed3d, 3, 16, 2, 64, 512, 1 << 14, true, 1);
   make(&torso2d, 2, 16, 2, 16, 2048, 1 << 16, false, 1);
-  return open_machines(state);
+  return open_hosts(state);
 }
 
 int main(void) {

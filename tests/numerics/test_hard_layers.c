@@ -283,5 +283,5 @@ int main(void) {
       cmocka_unit_test(test_weight_gradients_of_a_million_samples),
       cmocka_unit_test(test_layers_of_odd_counts),
   };
-  return cmocka_run_group_tests(tests, open_machines, close_machines);
+  return cmocka_run_group_tests(tests, open_hosts, close_machines);
 }

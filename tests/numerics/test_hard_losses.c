@@ -285,5 +285,5 @@ int main(void) {
       cmocka_unit_test(test_squares_that_leave_float),
       cmocka_unit_test(test_smoothness_of_hardly_and_far_moved),
   };
-  return cmocka_run_group_tests(tests, open_machines, close_machines);
+  return cmocka_run_group_tests(tests, open_hosts, close_machines);
 }

@@ -13,7 +13,7 @@ static float *block;
 static int open_speech(void **state) {
   const struct ern_model_config config = {
       .levels = 2, .feature_width = WIDTH, .window_length = LENGTH, .head = true, .bound = 1};
-  open_machines(state);
+  open_hosts(state);
   support_ok(machines.context, ern_parameters_build(machines.context, &config, &field, &rows));
   block = calloc(field.parameters, sizeof *block);
   assert_non_null(block);

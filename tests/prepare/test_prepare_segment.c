@@ -8,7 +8,7 @@
 #include "prepare/prepare_record.h"
 #include "prepare_test.h"
 
-enum { SIDE = 64, SECONDS = 20, RATE = 16000, EVERY = 5, LOOKS = SECONDS * ERN_PREPARE_RATE / EVERY, HEAD = 192 };
+enum { SIDE = 64, SECONDS = 20, RATE = 16000, EVERY = 5, LOOKS = SECONDS * ERN_PREPARE_RATE / EVERY, HEAD = 128 };
 
 /* A picture that does not change; sound from `loud` to `end` seconds, none where both are 0. */
 static void make_video(ern_context *context, const char *path, int seconds, double loud, double end) {

@@ -207,7 +207,7 @@ static void test_peaks(void **state) {
 #if defined(ERN_OPENCL)
 /* The CPU and a device; the loops of a device are one small program. Kernels, frames and steps on one are looked at by
  * e2e/test_cli_bench and test_bench_opencl_long. */
-static void test_device_peaks(void **state) {
+static void test_device_peaks_long(void **state) {
   (void)state;
   const ern_bench_options options = quick();
   ern_backend_config config = ern_backend_config_default();
@@ -435,7 +435,7 @@ int main(void) {
     cmocka_unit_test(test_kernels),
     cmocka_unit_test(test_kernels_stop),
 #if defined(ERN_OPENCL)
-    cmocka_unit_test(test_device_peaks),
+    cmocka_unit_test(test_device_peaks_long),
 #endif
     cmocka_unit_test(test_frame),
     cmocka_unit_test(test_step_long),

@@ -241,7 +241,7 @@ static void test_with_other_options(void **state) {
   scene_free(&scene);
 }
 
-static void test_on_a_device(void **state) {
+static void test_on_a_device_long(void **state) {
   (void)state;
   static struct scene scene;
   ern_context *context = support_context();
@@ -387,7 +387,7 @@ int main(void) {
       cmocka_unit_test(test_bound_0_changes_nothing),
       cmocka_unit_test(test_torso_of_the_model),
       cmocka_unit_test(test_with_other_options),
-      cmocka_unit_test(test_on_a_device),
+      cmocka_unit_test(test_on_a_device_long),
       cmocka_unit_test(test_what_is_forgotten),
       cmocka_unit_test(test_other_speech),
       cmocka_unit_test(test_two_renderers_of_a_model),

@@ -221,7 +221,7 @@ static char *train_poses(int threads, bool stop, size_t *count) {
   return read_file(config.output, count);
 }
 
-static void test_poses(void **state) {
+static void test_poses_long(void **state) {
   (void)state;
   static const int threads[] = {1, 2, 4, 3};
   size_t first = 0, count = 0;
@@ -355,7 +355,7 @@ int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_trihash),       cmocka_unit_test(test_hash3d),
                                      cmocka_unit_test(test_triplane),      cmocka_unit_test(test_mlp),
                                      cmocka_unit_test(test_interval),      cmocka_unit_test(test_turns),
-                                     cmocka_unit_test(test_late_long),     cmocka_unit_test(test_poses),
+                                     cmocka_unit_test(test_late_long),     cmocka_unit_test(test_poses_long),
                                      cmocka_unit_test(test_pose_mean),     cmocka_unit_test(test_poses_left_alone),
                                      cmocka_unit_test(test_poses_are_kept)};
   return cmocka_run_group_tests(tests, prepare, close_all);

@@ -21,27 +21,18 @@ static bool head_hit(const struct ern_synth_head *head, struct vec3 origin, stru
   return false;
 }
 
-/* Sample positions in a pixel: a 3 x 3 grid for small pictures, else 4 rooks (no two in one row or column). */
-static int places_in_pixel(int size, double places[9][2]) {
-  static const double four[4][2] = {{0.375, 0.125}, {0.875, 0.375}, {0.125, 0.625}, {0.625, 0.875}};
-  const int count = size < 128 ? 9 : 4;
-  for (int k = 0; k < count; ++k) {
-    places[k][0] = count == 9 ? (k % 3 + 0.5) / 3.0 : four[k][0];
-    places[k][1] = count == 9 ? (k / 3 + 0.5) / 3.0 : four[k][1];
-  }
-  return count;
-}
+/* Sample positions in a pixel: 4 rooks, no two in one row or column. */
+enum { PLACES = 4 };
+static const double places[PLACES][2] = {{0.375, 0.125}, {0.875, 0.375}, {0.125, 0.625}, {0.625, 0.875}};
 
 void ern_synth_head_draw(const struct ern_synth_head *head, const struct ern_synth_camera *camera, int size,
                          float (*pixels)[4]) {
-  double places[9][2];
-  const int count = places_in_pixel(size, places);
-  const float weight = 1.0f / (float)count;
+  const float weight = 1.0f / PLACES;
   for (int y = 0; y < size; ++y)
     for (int x = 0; x < size; ++x) {
       float *pixel = pixels[(size_t)y * (size_t)size + (size_t)x];
       for (int c = 0; c < 4; ++c) pixel[c] = 0.0f;
-      for (int k = 0; k < count; ++k) {
+      for (int k = 0; k < PLACES; ++k) {
         struct vec3 origin, way;
         float at;
         ern_synth_camera_ray(camera, x + places[k][0], y + places[k][1], &origin, &way);

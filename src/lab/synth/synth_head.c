@@ -245,7 +245,7 @@ float ern_synth_strands(const struct ern_synth_person *person, struct vec3 q) {
   return 0.50f * lock + 0.32f * hair + 0.18f * fine;
 }
 
-float ern_synth_hair_distance(const struct ern_synth_person *person, struct vec3 q) {
+float ern_synth_hair_distance(const struct ern_synth_person *person, struct vec3 q, float nearest) {
   const float wide = person->face_width, more = person->hair_volume;
   float d = ellipsoid(q, vec3_of(0.0f, 0.118f, -0.055f), vec3_of(0.286f * wide + more, 0.310f + more, 0.345f + more));
   if (d > 0.12f) return d - 0.02f;
@@ -258,7 +258,7 @@ float ern_synth_hair_distance(const struct ern_synth_person *person, struct vec3
   d = cut(d, 0.9f * (q.y - mixf(-0.30f, -0.05f, smoothf(-0.16f, 0.03f, q.z))), 0.03f);
   const struct vec3 m = vec3_of(fabsf(q.x), q.y, q.z);
   d = cut(d, ellipsoid(m, vec3_of(0.300f * wide, -0.065f, -0.050f), vec3_of(0.06f, 0.085f, 0.060f)), 0.02f);
-  if (fabsf(d) < 0.03f) d -= 0.010f * ern_synth_strands(person, q);
+  if (fabsf(d) < 0.03f && d - 0.011f < nearest) d -= 0.010f * ern_synth_strands(person, q);
   return d;
 }
 
@@ -333,7 +333,7 @@ float ern_synth_head_distance(const struct ern_synth_head *head, struct vec3 p, 
     }
   }
   d = join(d, ear_distance(person, q), 0.018f);
-  const float hair = ern_synth_hair_distance(person, q);
+  const float hair = ern_synth_hair_distance(person, q, d);
   if (hair < d) {
     d = hair;
     part = ERN_SYNTH_HAIR;

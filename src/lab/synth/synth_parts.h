@@ -204,7 +204,8 @@ void ern_synth_head_landmarks(const struct ern_synth_head *head, struct vec3 poi
 
 /* Parts at rest: skin without lids and ears; hair, and its strands in about [-1, 1]. */
 float ern_synth_skin_distance(const struct ern_synth_person *person, struct vec3 q);
-float ern_synth_hair_distance(const struct ern_synth_person *person, struct vec3 q);
+/* Exact where it is below `nearest`; elsewhere only not below it: strands are left out. */
+float ern_synth_hair_distance(const struct ern_synth_person *person, struct vec3 q, float nearest);
 float ern_synth_strands(const struct ern_synth_person *person, struct vec3 q);
 
 /* Outlines at rest, shared by shape, colouring and landmarks. Lengths in units. */

@@ -130,7 +130,8 @@ static void paint_skin(const struct ern_synth_person *person, const struct ern_s
   paint->tight = 14.0f;
   paint->soft = 0.35f;
   /* the hairline: skin between the first hairs */
-  const float roots = smoothf(0.040f, 0.0f, ern_synth_hair_distance(person, q) + 0.012f * ern_synth_strands(person, q));
+  const float roots =
+      smoothf(0.040f, 0.0f, ern_synth_hair_distance(person, q, INFINITY) + 0.012f * ern_synth_strands(person, q));
   const float brow = maxf(brow_cover(person, q), 0.85f * roots * smoothf(0.26f, 0.20f, x));
   c = vec3_mix(c, vec3_scale(person->hair, 0.55f), 0.94f * brow);
   paint->gloss *= 1.0f - brow;
