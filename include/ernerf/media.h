@@ -227,9 +227,10 @@ ERN_API void ern_video_reader_info_sized(const ern_video_reader *reader, ern_vid
 static inline void ern_video_reader_info(const ern_video_reader *reader, ern_video_info *info) {
   ern_video_reader_info_sized(reader, info, sizeof *info);
 }
-/* The next frame as RGB, turned by the quarter turns that the file asks for. image: {0} before the first call, then the
- * same one, whose buffer is reused where it fits; the caller frees it (ern_image_free). *seconds: the frame's time
- * stamp in the file. *end: true, with the image unchanged, after the last frame; else false. */
+/* The next frame as RGB, turned by the quarter turns that the file asks for. HDR and wide gamuts are converted to SDR,
+ * BT.709, and the log says so (ERN_LOG_INFO). image: {0} before the first call, then the same one, whose buffer is
+ * reused where it fits; the caller frees it (ern_image_free). *seconds: the frame's time stamp in the file. *end: true,
+ * with the image unchanged, after the last frame; else false. */
 ERN_API ERN_NODISCARD ern_status ern_video_reader_frame(ern_video_reader *reader, ern_image *image, double *seconds,
                                                         bool *end);
 ERN_API void ern_video_reader_free(ern_video_reader **reader);
