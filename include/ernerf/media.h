@@ -49,12 +49,12 @@ static inline ern_provenance ern_provenance_default(void) {
 }
 
 /* Reads a still (PNG, JPEG, OpenEXR, TIFF, BMP, GIF, WebP or PNM, by its content) as 8-bit with 3 or 4 channels: grey
- * is repeated, missing alpha is 255, alpha that was not asked for is dropped (not multiplied in). Values 0..1 of
- * OpenEXR become 0..255 without a transfer curve. On success the caller owns image->data (ern_image_free). A file whose
- * header has a side above ERN_IMAGE_MAX_SIDE, or a size that the file is too short for, is refused before memory is
- * taken. */
+ * is repeated, missing alpha is 255, alpha that was not asked for is dropped (not multiplied in). A picture with an
+ * EXIF orientation is turned upright. Values 0..1 of OpenEXR become 0..255 without a transfer curve. On success the
+ * caller owns image->data (ern_image_free). A file whose header has a side above ERN_IMAGE_MAX_SIDE, or a size that the
+ * file is too short for, is refused before memory is taken. */
 ERN_API ERN_NODISCARD ern_status ern_image_read(ern_context *context, const char *path, int channels, ern_image *image);
-/* Width and height from the header alone. */
+/* Width and height, upright, from the header alone. */
 ERN_API ERN_NODISCARD ern_status ern_image_size(ern_context *context, const char *path, int *width, int *height);
 /* The format follows from the extension: .png (1, 3 or 4 channels) or .jpg, .jpeg (1 or 3, else ERN_E_ARGUMENT; quality
  * 1..100, which .png ignores). Atomic. */
@@ -227,9 +227,10 @@ ERN_API void ern_video_reader_info_sized(const ern_video_reader *reader, ern_vid
 static inline void ern_video_reader_info(const ern_video_reader *reader, ern_video_info *info) {
   ern_video_reader_info_sized(reader, info, sizeof *info);
 }
-/* The next frame as RGB, turned by the quarter turns that the file asks for. image: {0} before the first call, then the
- * same one, whose buffer is reused where it fits; the caller frees it (ern_image_free). *seconds: the frame's time
- * stamp in the file. *end: true, with the image unchanged, after the last frame; else false. */
+/* The next frame as RGB, turned by the quarter turns that the file asks for. HDR and wide gamuts are converted to SDR,
+ * BT.709, and the log says so (ERN_LOG_INFO). image: {0} before the first call, then the same one, whose buffer is
+ * reused where it fits; the caller frees it (ern_image_free). *seconds: the frame's time stamp in the file. *end: true,
+ * with the image unchanged, after the last frame; else false. */
 ERN_API ERN_NODISCARD ern_status ern_video_reader_frame(ern_video_reader *reader, ern_image *image, double *seconds,
                                                         bool *end);
 ERN_API void ern_video_reader_free(ern_video_reader **reader);

@@ -41,6 +41,33 @@ fail:
   return status;
 }
 
+ern_status ern_image_fit(ern_context *context, const char *what, int width, int height, int channels,
+                         ern_image *image) {
+  if (image->data != NULL && image->width == width && image->height == height && image->channels == channels)
+    return ERN_OK;
+  ern_image_free(context, image);
+  return ern_image_make(context, what, width, height, channels, image);
+}
+
+ern_status ern_image_turn(ern_context *context, const char *what, const ern_image *from, int orientation,
+                          ern_image *turned) {
+  const bool swapped = orientation >= 5; /* rows are stored as columns */
+  const bool right = orientation == 2 || orientation == 3 || orientation == 7 || orientation == 8;
+  const bool bottom = orientation == 3 || orientation == 4 || orientation == 6 || orientation == 7;
+  const int width = swapped ? from->height : from->width, height = swapped ? from->width : from->height;
+  const size_t channels = (size_t)from->channels;
+  const ern_status status = ern_image_fit(context, what, width, height, from->channels, turned);
+  if (status != ERN_OK) return status;
+  uint8_t *to = turned->data;
+  for (int y = 0; y < height; y++)
+    for (int x = 0; x < width; x++, to += channels) {
+      const int across = swapped ? y : x, down = swapped ? x : y;
+      const int u = right ? from->width - 1 - across : across, v = bottom ? from->height - 1 - down : down;
+      memcpy(to, from->data + channels * ((size_t)v * (size_t)from->width + (size_t)u), channels);
+    }
+  return ERN_OK;
+}
+
 void ern_image_free(ern_context *context, ern_image *image) {
   if (context == NULL || image == NULL) return;
   ern_release(context, image->data);

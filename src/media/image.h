@@ -11,6 +11,15 @@
 ERN_NODISCARD ern_status ern_image_make(ern_context *context, const char *what, int width, int height, int channels,
                                         ern_image *image);
 
+/* Makes *image anew where its size or number of channels is another. */
+ERN_NODISCARD ern_status ern_image_fit(ern_context *context, const char *what, int width, int height, int channels,
+                                       ern_image *image);
+
+/* *turned = `from`, which is stored in EXIF's orientation 1..8, upright. *turned: {0}, or an image, whose memory is
+ * used again where it fits. */
+ERN_NODISCARD ern_status ern_image_turn(ern_context *context, const char *what, const ern_image *from, int orientation,
+                                        ern_image *turned);
+
 /* ERN_E_SHAPE where a side is not in 1..ERN_IMAGE_MAX_SIDE. */
 ERN_NODISCARD ern_status ern_image_check_sides(ern_context *context, const char *what, int width, int height);
 

@@ -104,21 +104,39 @@ void spread(const uint8_t *from, int stored, int alpha, size_t pixels, int chann
   }
 }
 
-ern_status read_pixels(ern_context *context, const char *path, int channels, ern_image *image) {
-  std::unique_ptr<OIIO::ImageInput> opened;
-  ern_status status = open_picture(context, path, opened);
-  if (status != ERN_OK) return status;
-  OIIO::ImageInput &input = *opened;
-  const OIIO::ImageSpec spec = input.spec();
+/* EXIF's orientation, 1 (upright) to 8; 1 where the file has none. From 5 on, rows are stored as columns. */
+int orientation_of(const OIIO::ImageSpec &spec) {
+  const int orientation = spec.get_int_attribute("Orientation", 1);
+  return orientation >= 1 && orientation <= 8 ? orientation : 1;
+}
+
+/* *image = the pixels as they are stored. */
+ern_status read_stored(ern_context *context, const char *path, OIIO::ImageInput &input, int channels,
+                       ern_image *image) {
+  const OIIO::ImageSpec &spec = input.spec();
   const int stored = spec.nchannels < 4 ? spec.nchannels : 4;
   const int alpha = spec.alpha_channel < stored ? spec.alpha_channel : -1;
-  status = ern_image_make(context, path, spec.width, spec.height, channels, image);
+  ern_status status = ern_image_make(context, path, spec.width, spec.height, channels, image);
   if (status != ERN_OK) return status;
   if (stored == channels && (channels == 3 || alpha == 3)) return decode(context, path, input, stored, image->data);
   const size_t pixels = static_cast<size_t>(spec.width) * static_cast<size_t>(spec.height);
   std::vector<uint8_t> raw(pixels * static_cast<size_t>(stored));
   status = decode(context, path, input, stored, raw.data());
   if (status == ERN_OK) spread(raw.data(), stored, alpha, pixels, channels, image->data);
+  return status;
+}
+
+ern_status read_pixels(ern_context *context, const char *path, int channels, ern_image *image) {
+  std::unique_ptr<OIIO::ImageInput> input;
+  ern_image turned = {};
+  ern_status status = open_picture(context, path, input);
+  if (status != ERN_OK) return status;
+  const int orientation = orientation_of(input->spec());
+  status = read_stored(context, path, *input, channels, image);
+  if (status != ERN_OK || orientation == 1) return status;
+  status = ern_image_turn(context, path, image, orientation, &turned);
+  ern_image_free(context, image);
+  *image = turned;
   return status;
 }
 
@@ -220,8 +238,10 @@ extern "C" ern_status ern_image_size(ern_context *context, const char *path, int
     std::unique_ptr<OIIO::ImageInput> opened;
     const ern_status status = open_picture(context, path, opened);
     if (status == ERN_OK) {
-      *width = opened->spec().width;
-      *height = opened->spec().height;
+      const OIIO::ImageSpec &spec = opened->spec();
+      const bool swapped = orientation_of(spec) >= 5;
+      *width = swapped ? spec.height : spec.width;
+      *height = swapped ? spec.width : spec.height;
     }
     return status;
   });

@@ -1,7 +1,10 @@
 /* SPDX-License-Identifier: MIT
  * The loss of a step's patches: the backend's, or a callback of the program on the host. */
+#include <string.h>
+
 #include "core/backend.h"
 #include "core/memory.h"
+#include "core/status.h"
 #include "ernerf/train.h"
 #include "train/step.h"
 
@@ -18,6 +21,18 @@ static ern_status add_slopes(struct ern_stream *stream, const struct ern_patch_l
   }
 fail:
   return status;
+}
+
+ern_status ern_fine_loss_compute(ern_context *context, const struct ern_fine_loss *loss, const float *pixel,
+                                 const float *truth, int side, double *value, float *dpixel) {
+  char before[ERN_ERROR_BYTES], after[ERN_ERROR_BYTES];
+  ern_error_keep(context, before);
+  const ern_status status = loss->compute(loss->user, pixel, truth, side, value, dpixel);
+  if (status == ERN_OK) return ERN_OK;
+  ern_error_keep(context, after);
+  if (strcmp(before, after) != 0) return status;
+  return ern_fail(context, status, "train: the loss of patches \"%s\" answered %s", loss->name,
+                  ern_status_name(status));
 }
 
 static ern_status on_the_host(struct ern_stream *stream, const struct ern_fine_loss *loss,
@@ -37,7 +52,7 @@ static ern_status on_the_host(struct ern_stream *stream, const struct ern_fine_l
       ERN_TRY(stream->backend->download_reals(stream, pixel + (size_t)c * n, ern_span_part(x, k * n, n), n));
       ERN_TRY(stream->backend->download_reals(stream, truth + (size_t)c * n, ern_span_part(y, k * n, n), n));
     }
-    ERN_TRY(loss->compute(loss->user, pixel, truth, p->side, &value, d));
+    ERN_TRY(ern_fine_loss_compute(context, loss, pixel, truth, p->side, &value, d));
     p->term += factor * value;
     ERN_TRY(add_slopes(stream, p, k, d, factor, row));
   }

@@ -10,6 +10,9 @@ ern_status ern_head_step_stages(struct ern_stream *stream, struct ern_head_step_
 /* The same, up to the rounding of sums, with the samples of only `at_once` rays in memory at a time; where that is not
  * all rays, all samples are computed twice. On failure dparameters holds part of the gradient. */
 ern_status ern_head_step_parts(struct ern_stream *stream, struct ern_head_step_args *args, size_t at_once);
+/* Calls the program's loss; writes an error text where it fails without one. */
+ern_status ern_fine_loss_compute(ern_context *context, const struct ern_fine_loss *loss, const float *pixel,
+                                 const float *truth, int side, double *value, float *dpixel);
 /* Value and gradient of the patch loss `p`: `loss` computes them on the host; NULL: the backend does. */
 ern_status ern_step_patch_loss(struct ern_stream *stream, const struct ern_fine_loss *loss,
                                struct ern_patch_loss_args *p);

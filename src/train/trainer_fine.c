@@ -7,6 +7,7 @@
 #include "core/rng.h"
 #include "core/status.h"
 #include "train/patch_filter.h"
+#include "train/step.h"
 #include "train/trainer.h"
 
 static size_t patch_rays(const ern_trainer *t) { return (size_t)t->config.patch_size * (size_t)t->config.patch_size; }
@@ -78,7 +79,8 @@ static ern_status try_loss(const ern_trainer *t) {
   if (loss == NULL) return ERN_OK;
   ern_status status = ERN_NEW(t->context, 6 * patch_rays(t), &zeros);
   if (status != ERN_OK) return status;
-  status = loss->compute(loss->user, zeros, zeros, t->config.patch_size, &value, zeros + 3 * patch_rays(t));
+  status =
+      ern_fine_loss_compute(t->context, loss, zeros, zeros, t->config.patch_size, &value, zeros + 3 * patch_rays(t));
   ern_release(t->context, zeros);
   return status;
 }

@@ -175,6 +175,10 @@ static void test_label(void **state) {
   cli_run(&cli, "render t.safetensors --clip clip --frames 0:2 --label 'this is far too long for it' -o w.mp4");
   cli_expect(&cli, 1, "--label", "the frames have 64 x 64", NULL);
   assert_false(cli_there("w.mp4"));
+  /* a private letter, which no font has; "Ä" is in any */
+  cli_run(&cli, "render t.safetensors --clip clip --frames 0:2 --label '\xc3\x84\xf4\x8f\xbf\xbd' -o w.mp4");
+  cli_expect(&cli, 1, "--label", "U+10FFFD (\xf4\x8f\xbf\xbd)", "fonts-unifont", NULL);
+  assert_false(cli_there("w.mp4"));
   cli_run(&cli, "render t.safetensors --clip clip --frames 0:2 --label-time 2s -o w.mp4");
   cli_expect(&cli, 2, "--label-time is about --label", NULL);
   cli_run(&cli, "render --help");

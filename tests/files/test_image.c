@@ -223,6 +223,70 @@ static uint32_t crc32_of(const uint8_t *bytes, size_t count) {
   return ~crc;
 }
 
+/* Writes `to`: the file `from` with that EXIF orientation, in the segment APP1 of a JPEG or the chunk eXIf of a PNG. */
+static void add_orientation(const char *from, const char *to, int orientation) {
+  uint8_t tiff[] = {'M', 'M', 0, 42, 0, 0, 0, 8, 0, 1, 1, 0x12, 0, 3, 0, 0, 0, 1, 0, (uint8_t)orientation,
+                    0,   0,   0, 0,  0, 0};
+  static const uint8_t segment[] = {0xff, 0xe1, 0, 8 + sizeof tiff, 'E', 'x', 'i', 'f', 0, 0};
+  uint8_t chunk[12 + sizeof tiff] = {0, 0, 0, sizeof tiff, 'e', 'X', 'I', 'f'};
+  uint8_t *bytes = NULL;
+  size_t count = 0;
+  assert_ok(ern_file_read(context, from, 1 << 20, &bytes, &count));
+  const bool jpeg = bytes[0] == 0xff;
+  const size_t place = jpeg ? 2 : 33; /* after the marker SOI, or signature and IHDR */
+  memcpy(chunk + 8, tiff, sizeof tiff);
+  const uint32_t crc = crc32_of(chunk + 4, 4 + sizeof tiff);
+  for (int k = 0; k < 4; k++) chunk[8 + sizeof tiff + (size_t)k] = (uint8_t)(crc >> (24 - 8 * k));
+  FILE *file = fopen(to, "wb");
+  assert_non_null(file);
+  fwrite(bytes, 1, place, file);
+  if (jpeg) fwrite(segment, 1, sizeof segment, file);
+  fwrite(jpeg ? tiff : chunk, 1, jpeg ? sizeof tiff : sizeof chunk, file);
+  fwrite(bytes + place, 1, count - place, file);
+  assert_int_equal(fclose(file), 0);
+  ern_release(context, bytes);
+}
+
+/* A picture whose quarters are red, green, blue and white, in each orientation of EXIF's definition. */
+static void test_orientation(void **state) {
+  (void)state;
+  enum { WIDE = 32, HIGH = 16 };
+  static const uint8_t colours[4][4] = {{255, 0, 0, 255}, {0, 255, 0, 255}, {0, 0, 255, 255}, {255, 255, 255, 255}};
+  /* which quarter of the stored ones (left top, right top, left bottom, right bottom) is shown at each place */
+  static const int shown[][4] = {{0, 1, 2, 3}, {0, 1, 2, 3}, {1, 0, 3, 2}, {3, 2, 1, 0}, {2, 3, 0, 1},
+                                 {0, 2, 1, 3}, {2, 0, 3, 1}, {3, 1, 2, 0}, {1, 3, 0, 2}, {0, 1, 2, 3}};
+  ern_image made = picture(WIDE, HIGH, 3, false), read = {0};
+  for (int i = 0; i < WIDE * HIGH; i++)
+    memcpy(made.data + 3 * i, colours[(i / WIDE >= HIGH / 2) * 2 + (i % WIDE >= WIDE / 2)], 3);
+  assert_ok(ern_image_write(context, "lying.png", &made, 100));
+  assert_ok(ern_image_write(context, "lying.jpg", &made, 100));
+  for (int orientation = 0; orientation <= 9; orientation++) /* 0 and 9 are none */
+    for (int k = 0; k < 4; k++) {
+      const char *name = k < 2 ? "turned.png" : "turned.jpg";
+      const int channels = 3 + k % 2;
+      int width = 0, height = 0;
+      add_orientation(k < 2 ? "lying.png" : "lying.jpg", name, orientation);
+      assert_ok(ern_image_size(context, name, &width, &height));
+      assert_ok(ern_image_read(context, name, channels, &read));
+      const bool upright = orientation < 5 || orientation > 8;
+      assert_int_equal(width, upright ? WIDE : HIGH);
+      assert_int_equal(height, upright ? HIGH : WIDE);
+      assert_true(read.width == width && read.height == height && read.channels == channels);
+      for (int place = 0; place < 4; place++) {
+        const int x = place % 2 * (width - 1), y = place / 2 * (height - 1);
+        for (int c = 0; c < channels; c++) {
+          const int found = read.data[channels * (y * width + x) + c];
+          const int expected = colours[shown[orientation][place]][c];
+          if (abs(found - expected) > 8)
+            fail_msg("%s, orientation %d, corner %d, channel %d: %d, expected %d", name, orientation, place, c, found,
+                     expected);
+        }
+      }
+      ern_image_free(context, &read);
+    }
+  ern_image_free(context, &made);
+}
+
 /* A PNG whose header claims 100000 x 100000 and has next to no data. */
 static void test_claimed_size_is_refused(void **state) {
   (void)state;
@@ -427,6 +491,7 @@ int main(void) {
       cmocka_unit_test(test_jpeg_quality_counts),
       cmocka_unit_test(test_same_picture_same_bytes),
       cmocka_unit_test(test_cut_short),
+      cmocka_unit_test(test_orientation),
       cmocka_unit_test(test_claimed_size_is_refused),
       cmocka_unit_test(test_no_picture),
       cmocka_unit_test(test_odd_names),

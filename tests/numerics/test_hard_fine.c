@@ -178,8 +178,13 @@ static void test_loss_of_the_program(void **state) {
   support_ok(made.context, ern_trainer_create(&t, made.backend, &made.data, &config));
   for (int step = 0; step < 6; step++) support_ok(made.context, ern_trainer_step(t, &report));
   calls = 99;
-  assert_int_equal(ern_trainer_step(t, &report), ERN_E_CANCELLED);
+  (void)ern_fail(made.context, ERN_E_IO, "an earlier error");
+  support_expect(made.context, ern_trainer_step(t, &report), ERN_E_CANCELLED,
+                 "\"mean square\" answered ERN_E_CANCELLED", NULL);
   ern_trainer_free(&t);
+  (void)ern_fail(made.context, ERN_E_IO, "an earlier error");
+  support_expect(made.context, ern_trainer_create(&t, made.backend, &made.data, &config), ERN_E_CANCELLED,
+                 "\"mean square\" answered ERN_E_CANCELLED", NULL);
   config.fine_loss = &(ern_fine_loss){.name = "", .compute = mean_square};
   support_expect(made.context, ern_trainer_create(&t, made.backend, &made.data, &config), ERN_E_ARGUMENT, "fine_loss",
                  NULL);

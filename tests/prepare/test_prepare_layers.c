@@ -9,6 +9,7 @@
 
 #include "core/memory.h"
 #include "ernerf-lab/synth.h"
+#include "io/file.h"
 #include "prepare/prepare_job.h"
 
 enum { FRAMES = 22, CALLS = 5 };
@@ -304,6 +305,39 @@ static void test_background(void **state) {
   free(rgb);
 }
 
+/* Draws running text: letters are blocks, in rows from 7/8 of the picture on. */
+static void draw_banner(ern_image *image, int frame) {
+  for (int y = side * 7 / 8; y < side * 31 / 32; y++)
+    for (int x = 0; x < side; x++) {
+      const unsigned letter = (unsigned)((x + frame * side * 3 / 64) / 3) * 2654435761u + (unsigned)(y / 3) * 40503u;
+      memset(image->data + 3 * (y * side + x), (letter >> 13 & 1) != 0 ? 230 : 40, 3);
+    }
+}
+
+/* Text that runs through the picture is named, and where it does so. */
+static void test_banner(void **state) {
+  struct truth *t = *state;
+  struct run run = {.options = ern_prepare_options_default()};
+  uint8_t *kept[FRAMES];
+  size_t bytes[FRAMES];
+  for (int f = 0; f < FRAMES; f++) {
+    const char *path = name_of("clip", "ori_imgs/%d.jpg", f);
+    ern_image image = picture(t->context, path, 3);
+    support_ok(t->context, ern_file_read(t->context, path, 1 << 20, &kept[f], &bytes[f]));
+    draw_banner(&image, f);
+    support_ok(t->context, ern_image_write(t->context, path, &image, 95));
+    ern_image_free(t->context, &image);
+  }
+  support_ok(t->context, run_layers(&run, t->context, FRAMES));
+  assert_int_equal(run.verdict.grade, ERN_PREPARE_DOUBTFUL);
+  if (strstr(run.verdict.words, "a banner moves through the picture without pause, at 88 to 97 %") == NULL)
+    fail_msg("%s", run.verdict.words);
+  for (int f = 0; f < FRAMES; f++) {
+    support_write(name_of("clip", "ori_imgs/%d.jpg", f), kept[f], bytes[f]);
+    ern_release(t->context, kept[f]);
+  }
+}
+
 static int stop(void *user, const char *step, size_t done, size_t total) {
   assert_string_equal(step, "layers");
   assert_true(done <= total);
@@ -385,9 +419,9 @@ static void test_nothing_long(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_truth),    cmocka_unit_test(test_no_shoulders),
-                                     cmocka_unit_test(test_supplied), cmocka_unit_test(test_background),
-                                     cmocka_unit_test(test_cancel),   cmocka_unit_test(test_cluttered_long),
-                                     cmocka_unit_test(test_key),      cmocka_unit_test(test_nothing_long)};
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test(test_truth),          cmocka_unit_test(test_no_shoulders), cmocka_unit_test(test_supplied),
+      cmocka_unit_test(test_background),     cmocka_unit_test(test_banner),       cmocka_unit_test(test_cancel),
+      cmocka_unit_test(test_cluttered_long), cmocka_unit_test(test_key),          cmocka_unit_test(test_nothing_long)};
   return cmocka_run_group_tests(tests, make_truth, free_truth);
 }

@@ -14,17 +14,27 @@
 #include "ernerf/media.h"
 #include "media/ffmpeg.h"
 #include "media/image.h"
+#include "media/video/video_sdr.h"
+
+/* What a conversion to RGB depends on. */
+struct form {
+  int width, height, format;
+  enum AVColorSpace space;
+  enum AVColorRange range;
+  enum AVColorTransferCharacteristic transfer;
+  enum AVColorPrimaries primaries;
+};
 
 struct ern_video_reader {
   ern_context *context;
   struct ern_decoder decoder;
   ern_video_info info;
   struct SwsContext *convert; /* for frames of this form: */
-  int width, height, format;
-  int quarters;    /* clockwise rotations by 90 degrees that the file asks for: 0..3 */
-  ern_image lying; /* the frame before rotation */
-  enum AVColorSpace space;
-  enum AVColorRange range;
+  struct form form;
+  struct ern_video_sdr *sdr; /* NULL for SDR */
+  uint16_t *deep;            /* [height][width][3]: RGB before `sdr` */
+  int quarters;              /* clockwise rotations by 90 degrees that the file asks for: 0..3 */
+  ern_image lying;           /* the frame before rotation */
 };
 
 static void copy_name(char to[32], const char *name) { snprintf(to, 32, "%s", name != NULL ? name : "unknown"); }
@@ -116,15 +126,10 @@ static enum AVPixelFormat plain_format(enum AVPixelFormat format, bool *full) {
   }
 }
 
-/* Makes the conversion to RGB for frames of this format, unless the present conversion fits. */
-static ern_status prepare(ern_video_reader *reader, const AVFrame *frame) {
-  if (reader->convert != NULL && reader->width == frame->width && reader->height == frame->height &&
-      reader->format == frame->format && reader->space == frame->colorspace && reader->range == frame->color_range) {
-    return ERN_OK;
-  }
-  sws_freeContext(reader->convert);
-  struct SwsContext *made = reader->convert = sws_alloc_context();
-  int error = made != NULL ? 0 : AVERROR(ENOMEM);
+/* *made: the conversion to RGB of `target` for such frames. */
+static int make_convert(const AVFrame *frame, enum AVPixelFormat target, struct SwsContext **made) {
+  *made = sws_alloc_context();
+  int error = *made != NULL ? 0 : AVERROR(ENOMEM);
   bool full = frame->color_range == AVCOL_RANGE_JPEG;
   const enum AVPixelFormat format = plain_format((enum AVPixelFormat)frame->format, &full);
   const AVPixFmtDescriptor *about = av_pix_fmt_desc_get(format);
@@ -137,52 +142,78 @@ static ern_status prepare(ern_video_reader *reader, const AVFrame *frame) {
                  {"src_format", format},
                  {"dstw", frame->width},
                  {"dsth", frame->height},
-                 {"dst_format", AV_PIX_FMT_RGB24},
+                 {"dst_format", target},
                  {"src_range", full},
                  {"dst_range", 1},
                  {"src_h_chr_pos", about != NULL && about->log2_chroma_w == 1 && left ? 0 : -513},
                  {"sws_flags", SWS_BICUBIC | SWS_FULL_CHR_H_INT | SWS_ACCURATE_RND | SWS_BITEXACT}};
   for (size_t i = 0; i < sizeof options / sizeof *options && error >= 0; i++) {
-    error = av_opt_set_int(made, options[i].name, options[i].value, 0);
+    error = av_opt_set_int(*made, options[i].name, options[i].value, 0);
   }
   /* fails for sources that are RGB already: nothing to set there */
   if (error >= 0) {
-    (void)sws_setColorspaceDetails(made, matrix_of(frame), full, sws_getCoefficients(SWS_CS_DEFAULT), 1, 0, 1 << 16,
+    (void)sws_setColorspaceDetails(*made, matrix_of(frame), full, sws_getCoefficients(SWS_CS_DEFAULT), 1, 0, 1 << 16,
                                    1 << 16);
-    error = sws_init_context(made, NULL, NULL);
+    error = sws_init_context(*made, NULL, NULL);
   }
-  if (error < 0) {
-    sws_freeContext(made);
-    reader->convert = NULL;
-    return ern_av_fail(reader->context, ERN_E_MEDIA, reader->decoder.path, "convert the colours", error);
+  return error;
+}
+
+static void free_convert(ern_video_reader *reader) {
+  sws_freeContext(reader->convert);
+  reader->convert = NULL;
+  ern_release(reader->context, reader->sdr);
+  reader->sdr = NULL;
+  ern_release(reader->context, reader->deep);
+  reader->deep = NULL;
+}
+
+/* Makes the conversion for frames of this form, unless the present one fits. */
+static ern_status prepare(ern_video_reader *reader, const AVFrame *frame) {
+  ern_context *context = reader->context;
+  const char *path = reader->decoder.path;
+  const struct form old = reader->form, form = {.width = frame->width,
+                                                .height = frame->height,
+                                                .format = frame->format,
+                                                .space = frame->colorspace,
+                                                .range = frame->color_range,
+                                                .transfer = frame->color_trc,
+                                                .primaries = frame->color_primaries};
+  ern_status status = ERN_OK;
+  if (reader->convert != NULL && form.width == old.width && form.height == old.height && form.format == old.format &&
+      form.space == old.space && form.range == old.range && form.transfer == old.transfer &&
+      form.primaries == old.primaries)
+    return ERN_OK;
+  free_convert(reader);
+  ERN_TRY(ern_video_sdr_make(context, form.transfer, form.primaries, &reader->sdr));
+  /* sides are checked: at most 8192 * 8192 * 3 */
+  if (reader->sdr != NULL) {
+    ERN_TRY(ERN_NEW(context, (size_t)form.width * (size_t)form.height * 3, &reader->deep));
+    ern_log(context, ERN_LOG_INFO, "%s: %s, converted to SDR (BT.709)", path, ern_video_sdr_words(reader->sdr));
   }
-  reader->width = frame->width;
-  reader->height = frame->height;
-  reader->format = frame->format;
-  reader->space = frame->colorspace;
-  reader->range = frame->color_range;
+  const int error = make_convert(frame, reader->sdr != NULL ? AV_PIX_FMT_RGB48 : AV_PIX_FMT_RGB24, &reader->convert);
+  if (error < 0) ERN_TRY(ern_av_fail(context, ERN_E_MEDIA, path, "convert the colours", error));
+  reader->form = form;
+  return ERN_OK;
+fail:
+  free_convert(reader);
+  return status;
+}
+
+/* *image, of the frame's size, = the frame as RGB. */
+static ern_status convert(ern_video_reader *reader, const AVFrame *frame, ern_image *image) {
+  struct ern_video_sdr *sdr = reader->sdr;
+  uint8_t *const to[4] = {sdr != NULL ? (uint8_t *)reader->deep : image->data};
+  const int to_bytes[4] = {frame->width * 3 * (sdr != NULL ? (int)sizeof *reader->deep : 1)};
+  const int error =
+      sws_scale(reader->convert, (const uint8_t *const *)frame->data, frame->linesize, 0, frame->height, to, to_bytes);
+  if (error < 0) return ern_av_fail(reader->context, ERN_E_MEDIA, reader->decoder.path, "convert the colours", error);
+  if (sdr != NULL) ern_video_sdr_convert(sdr, reader->deep, (size_t)frame->width * (size_t)frame->height, image->data);
   return ERN_OK;
 }
 
-/* to = from, turned clockwise by quarters. */
-static void turn(const ern_image *from, int quarters, ern_image *to) {
-  for (int y = 0; y < to->height; y++)
-    for (int x = 0; x < to->width; x++) {
-      const int u = quarters == 1 ? y : quarters == 2 ? from->width - 1 - x : from->width - 1 - y;
-      const int v = quarters == 1 ? from->height - 1 - x : quarters == 2 ? from->height - 1 - y : x;
-      memcpy(to->data + 3 * ((size_t)y * (size_t)to->width + (size_t)x),
-             from->data + 3 * ((size_t)v * (size_t)from->width + (size_t)u), 3);
-    }
-}
-
-/* Makes *image anew where its size differs. */
-static ern_status fit(const ern_video_reader *reader, int width, int height, ern_image *image) {
-  if (image->data != NULL && image->width == width && image->height == height && image->channels == 3) return ERN_OK;
-  ern_image_free(reader->context, image);
-  return ern_image_make(reader->context, reader->decoder.path, width, height, 3, image);
-}
-
 ern_status ern_video_reader_frame(ern_video_reader *reader, ern_image *image, double *seconds, bool *end) {
+  static const int orientation[4] = {1, 6, 3, 8}; /* EXIF's, of clockwise quarter turns */
   ERN_PLAIN_FLOATS;
   ERN_NEED(NULL, reader);
   ern_context *context = reader->context;
@@ -196,16 +227,10 @@ ern_status ern_video_reader_frame(ern_video_reader *reader, ern_image *image, do
   if (*end) return ERN_OK;
   ERN_TRY(ern_image_check_sides(context, path, frame->width, frame->height));
   ERN_TRY(prepare(reader, frame));
-  const bool upright = reader->quarters % 2 == 0;
-  ERN_TRY(fit(reader, upright ? frame->width : frame->height, upright ? frame->height : frame->width, image));
-  if (reader->quarters != 0) ERN_TRY(fit(reader, frame->width, frame->height, &reader->lying));
-  const ern_image *straight = reader->quarters != 0 ? &reader->lying : image;
-  uint8_t *const to[4] = {straight->data};
-  const int to_bytes[4] = {frame->width * 3};
-  const int error =
-      sws_scale(reader->convert, (const uint8_t *const *)frame->data, frame->linesize, 0, frame->height, to, to_bytes);
-  if (error < 0) ERN_TRY(ern_av_fail(context, ERN_E_MEDIA, path, "convert the colours", error));
-  if (reader->quarters != 0) turn(straight, reader->quarters, image);
+  ern_image *straight = reader->quarters != 0 ? &reader->lying : image;
+  ERN_TRY(ern_image_fit(context, path, frame->width, frame->height, 3, straight));
+  ERN_TRY(convert(reader, frame, straight));
+  if (reader->quarters != 0) ERN_TRY(ern_image_turn(context, path, straight, orientation[reader->quarters], image));
   if (frame->best_effort_timestamp == AV_NOPTS_VALUE) {
     ERN_TRY(ern_fail(context, ERN_E_FORMAT, "%s: a frame has no time", path));
   }
@@ -220,7 +245,7 @@ void ern_video_reader_free(ern_video_reader **reader) {
   ern_video_reader *dying = *reader;
   ern_context *context = dying->context;
   *reader = NULL;
-  sws_freeContext(dying->convert);
+  free_convert(dying);
   ern_image_free(context, &dying->lying);
   ern_decoder_close(&dying->decoder);
   ern_release(context, dying);

@@ -9,6 +9,7 @@
 #include "io/file.h"
 #include "prepare/face_detector.h"
 #include "prepare/head_shape.h"
+#include "prepare/layers/banner.h"
 #include "prepare/layers/layers.h"
 #include "prepare/stabilized_crop.h"
 
@@ -31,6 +32,7 @@ struct layers {
   struct ern_supplied_masks *supplied;
   struct ern_person_model *model;
   struct ern_person_found found;
+  struct ern_banner banner;
   double place;             /* of read_background() */
   struct voter ring[VOTES]; /* frame f is at f % VOTES */
   uint8_t *mask, *voted, *alpha, *behind, *parts, *rgba;
@@ -137,6 +139,16 @@ fail:
   return status;
 }
 
+/* Adds `image`, which is a frame, and one shortly after it. */
+static ern_status learn_banner(struct layers *l, size_t frame, const ern_image *image) {
+  ern_image later = {0};
+  if (frame + ERN_BANNER_GAP >= l->job->frames) return ERN_OK;
+  ern_status status = read_frame(l->job, frame + ERN_BANNER_GAP, &later);
+  if (status == ERN_OK) status = ern_banner_add(&l->banner, l->job->context, image, &later);
+  ern_image_free(l->job->context, &later);
+  return status;
+}
+
 /* The first pass: learns the model. */
 static ern_status learn(struct layers *l, size_t total) {
   struct ern_prepare_job *job = l->job;
@@ -153,6 +165,7 @@ static ern_status learn(struct layers *l, size_t total) {
     if (l->supplied != NULL)
       ERN_TRY(ern_supplied_mask(l->supplied, frame, image.data, &l->faces[frame], l->mask, l->parts, &has_parts));
     ERN_TRY(ern_person_model_add(l->model, image.data, &l->faces[frame], l->supplied != NULL ? l->mask : NULL));
+    ERN_TRY(learn_banner(l, frame, &image));
     ern_image_free(job->context, &image);
     ERN_TRY(ern_prepare_progress(job, i + 1, total));
   }
@@ -303,6 +316,18 @@ static void check_shoulders(const struct layers *l) {
         l->narrow, l->low);
 }
 
+static void check_banner(const struct layers *l) {
+  const ern_prepare_options *options = l->job->options;
+  double top = 0, bottom = 0;
+  if (!ern_banner_find(&l->banner, l->job->frames, &top, &bottom) || options->masks != NULL || options->head_only)
+    return;
+  ern_prepare_add_reason(
+      l->job, ERN_PREPARE_DOUBTFUL,
+      "a banner moves through the picture without pause, at %.0f to %.0f %% of its height, as running text does, "
+      "and becomes a part of the torso; a video with it cut off helps, or --masks, or --head-only",
+      100 * top, 100 * bottom);
+}
+
 /* Figures and verdict; the bounds come from test footage. covered: mean share of the picture that the person covers;
  * jitter[job->frames]: sorted in place; border: histogram of colour distances along the border, bins 16 wide. */
 static void check_person(struct ern_prepare_job *job, const struct ern_person_found *found, double covered,
@@ -357,6 +382,7 @@ ern_status ern_prepare_layers(struct ern_prepare_job *job) {
         job->options->background, 1 / l.place);
   check_person(job, &l.found, l.covered, l.jitter, l.border);
   check_shoulders(&l);
+  check_banner(&l);
 fail:
   close_layers(&l);
   return status;

@@ -2,7 +2,9 @@
 #include "output/label.h"
 
 #include <cairo.h>
+#include <fontconfig/fontconfig.h>
 #include <math.h>
+#include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -28,19 +30,87 @@ int label_check(const struct label *label, const struct args *args) {
   return label->text == NULL ? args_forbid(args, "label-time", "is about --label") : -1;
 }
 
+/* The family that has most letters of the text, and of those the most usual one: cairo draws a text with one font.
+ * NULL: no font, or no memory. The caller frees it. */
+static char *family_of(const char *text) {
+  FcPattern *wanted = FcPatternCreate(), *match = NULL;
+  FcCharSet *letters = FcCharSetCreate();
+  FcResult result = FcResultNoMatch;
+  FcChar8 *name = NULL;
+  FcChar32 letter = 0;
+  char *family = NULL;
+  if (wanted == NULL || letters == NULL) goto fail;
+  for (int left = (int)strlen(text), bytes; left > 0; left -= bytes, text += bytes) {
+    bytes = FcUtf8ToUcs4((const FcChar8 *)text, &letter, left);
+    if (bytes <= 0 || !FcCharSetAddChar(letters, letter)) goto fail;
+  }
+  if (!FcPatternAddCharSet(wanted, FC_CHARSET, letters) ||
+      !FcPatternAddString(wanted, FC_FAMILY, (const FcChar8 *)"sans-serif") ||
+      !FcPatternAddInteger(wanted, FC_WEIGHT, FC_WEIGHT_BOLD) || !FcConfigSubstitute(NULL, wanted, FcMatchPattern))
+    goto fail;
+  FcDefaultSubstitute(wanted);
+  match = FcFontMatch(NULL, wanted, &result);
+  if (match != NULL && FcPatternGetString(match, FC_FAMILY, 0, &name) == FcResultMatch)
+    family = strdup((const char *)name);
+fail:
+  if (match != NULL) FcPatternDestroy(match);
+  if (letters != NULL) FcCharSetDestroy(letters);
+  if (wanted != NULL) FcPatternDestroy(wanted);
+  return family;
+}
+
 /* Creates a context to draw or measure text; for measuring, a surface of one pixel is enough. */
-static cairo_t *pen(cairo_surface_t *surface, double size) {
+static cairo_t *pen(cairo_surface_t *surface, const char *family, double size) {
   cairo_t *cairo = cairo_create(surface);
-  cairo_select_font_face(cairo, "sans-serif", CAIRO_FONT_SLANT_NORMAL, CAIRO_FONT_WEIGHT_BOLD);
+  cairo_select_font_face(cairo, family, CAIRO_FONT_SLANT_NORMAL, CAIRO_FONT_WEIGHT_BOLD);
   cairo_set_font_size(cairo, size);
   return cairo;
 }
 
+/* The first letter of the text that the font lacks, and its bytes; NULL: it has all. A font's glyph 0 is a box. */
+static const char *lacking(cairo_t *cairo, const char *text, int *bytes) {
+  cairo_glyph_t *glyphs = NULL;
+  cairo_text_cluster_t *clusters = NULL;
+  cairo_text_cluster_flags_t flags;
+  int glyph_count = 0, cluster_count = 0, glyph = 0;
+  const char *found = NULL;
+  const cairo_status_t status = cairo_scaled_font_text_to_glyphs(cairo_get_scaled_font(cairo), 0, 0, text, -1, &glyphs,
+                                                                 &glyph_count, &clusters, &cluster_count, &flags);
+  for (int i = 0; status == CAIRO_STATUS_SUCCESS && found == NULL && i < cluster_count; i++) {
+    for (int k = 0; k < clusters[i].num_glyphs; k++)
+      if (glyphs[glyph++].index == 0) found = text;
+    *bytes = clusters[i].num_bytes;
+    text += *bytes;
+  }
+  cairo_glyph_free(glyphs);
+  cairo_text_cluster_free(clusters);
+  return found;
+}
+
+/* Whether the family has all letters of the text; else a message names the first that it lacks. */
+static bool has_letters(struct session *session, const char *family, const char *text) {
+  cairo_surface_t *surface = cairo_image_surface_create(CAIRO_FORMAT_ARGB32, 1, 1);
+  cairo_t *cairo = pen(surface, family, 10);
+  FcChar32 code = 0;
+  int bytes = 0;
+  const char *letter = lacking(cairo, text, &bytes);
+  if (letter != NULL) {
+    (void)FcUtf8ToUcs4((const FcChar8 *)letter, &code, bytes);
+    session_fail_with(session,
+                      "--label: no font here has all letters of \"%s\": %s lacks U+%04X (%.*s); Debian's fonts-unifont "
+                      "has most letters, fonts-noto-core and fonts-noto-cjk are finer",
+                      text, family, (unsigned)code, bytes, letter);
+  }
+  cairo_destroy(cairo);
+  cairo_surface_destroy(surface);
+  return letter == NULL;
+}
+
 /* The font size at which capitals are `height` pixels high, and the extents of the text at that size; 0: no font. */
-static double measure(const char *text, double height, cairo_text_extents_t *box) {
+static double measure(const char *family, const char *text, double height, cairo_text_extents_t *box) {
   enum { TRIED = 100 };
   cairo_surface_t *surface = cairo_image_surface_create(CAIRO_FORMAT_ARGB32, 1, 1);
-  cairo_t *cairo = pen(surface, TRIED);
+  cairo_t *cairo = pen(surface, family, TRIED);
   cairo_text_extents(cairo, "H", box);
   const double size = box->height > 0 ? TRIED * height / box->height : 0;
   if (size > 0) cairo_set_font_size(cairo, size);
@@ -67,11 +137,10 @@ static void take_pixels(struct label *label, cairo_surface_t *surface) {
   }
 }
 
-int label_make(struct label *label, struct session *session, int width, int height) {
+static int draw(struct label *label, struct session *session, const char *family, int width, int height) {
   cairo_text_extents_t box;
-  if (label->text == NULL) return 0;
   const double capital = ceil(share * (width < height ? width : height)), margin = ceil(capital / 2);
-  const double size = measure(label->text, capital, &box);
+  const double size = measure(family, label->text, capital, &box);
   if (!(size > 0)) return session_fail_with(session, "--label: no font here can draw \"%s\"", label->text);
   label->width = (int)ceil(box.width + 2 * margin);
   label->height = (int)ceil(box.height + 2 * margin);
@@ -84,7 +153,7 @@ int label_make(struct label *label, struct session *session, int width, int heig
   cairo_surface_t *surface = cairo_image_surface_create(CAIRO_FORMAT_ARGB32, label->width, label->height);
   const bool made = label->pixels != NULL && cairo_surface_status(surface) == CAIRO_STATUS_SUCCESS;
   if (made) {
-    cairo_t *cairo = pen(surface, size);
+    cairo_t *cairo = pen(surface, family, size);
     cairo_set_source_rgba(cairo, 0, 0, 0, ground);
     cairo_paint(cairo);
     cairo_set_source_rgb(cairo, 1, 1, 1);
@@ -96,6 +165,18 @@ int label_make(struct label *label, struct session *session, int width, int heig
   }
   cairo_surface_destroy(surface);
   return made ? 0 : session_fail_with(session, "no memory for a label of %d x %d", label->width, label->height);
+}
+
+int label_make(struct label *label, struct session *session, int width, int height) {
+  if (label->text == NULL) return 0;
+  char *family = family_of(label->text);
+  int status = EXIT_FAILURE;
+  if (family == NULL)
+    status = session_fail_with(session, "--label: no font here can draw \"%s\"", label->text);
+  else if (has_letters(session, family, label->text))
+    status = draw(label, session, family, width, height);
+  free(family);
+  return status;
 }
 
 /* Porter and Duff's "over": alpha A = a + d (1 - a), colour (c a + e d (1 - a))/A. */
