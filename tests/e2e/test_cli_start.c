@@ -148,9 +148,37 @@ static void test_without_media(void **state) {
   assert_int_equal(setenv("ERNERF_BIN", kept, 1), 0);
 }
 
+/* Libraries that allocate, or start threads, while they are loaded end the process where they cannot. */
+static void test_little_memory(void **state) {
+  static const char *const lines[] = {"check clip",
+                                      "render m.safetensors --clip clip -o x.mp4",
+                                      "live m.safetensors --clip clip --duration 1 -o x.mp4",
+                                      "detect x.mp4 --watermark key",
+                                      "synth x --size 64 --frames 8",
+                                      "features clip/aud.wav -o x.npy"};
+  struct rlimit before, now;
+  (void)state;
+  assert_int_equal(getrlimit(RLIMIT_AS, &before), 0);
+  now = before;
+  for (size_t i = 0; i < sizeof lines / sizeof *lines; i++) {
+    for (rlim_t kib = 350000; kib <= 450000; kib += 50000) {
+      now.rlim_cur = kib * 1024;
+      assert_int_equal(setrlimit(RLIMIT_AS, &now), 0);
+      cli_run(&cli, "%s", lines[i]);
+      assert_int_equal(setrlimit(RLIMIT_AS, &before), 0);
+      if (cli.status > 1 || (cli.status == 1 && strstr(cli.err, "ernerf ") == NULL))
+        fail_msg("%s with %zu KiB: exit status %d: %s", lines[i], (size_t)kib, cli.status, cli.err);
+      support_clear("x.mp4");
+      support_clear("x.npy");
+      support_clear("x");
+    }
+  }
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_help), cmocka_unit_test(test_before_an_input),
-                                     cmocka_unit_test(test_files), cmocka_unit_test(test_without_media)};
+                                     cmocka_unit_test(test_files), cmocka_unit_test(test_without_media),
+                                     cmocka_unit_test(test_little_memory)};
 #if !ERN_SHARED
   puts("the libraries are static");
   return 0;
