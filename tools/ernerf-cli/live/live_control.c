@@ -101,26 +101,45 @@ static void *read_control(void *user) {
 
 /* ---- the others -------------------------------------------------------------------------------------------------- */
 
+/* Removes the socket of a killed process at `name`. Any other file there, also a socket of another type (connect:
+ * EPROTOTYPE) and one whose owner does not answer, is refused. */
+static int remove_stale(const struct live_control *control, const struct sockaddr_un *name) {
+  struct session *session = control->session;
+  struct stat there;
+  if (lstat(control->path, &there) != 0) return 0;
+  if (!S_ISSOCK(there.st_mode))
+    return session_fail_with(session, "--control %s: is there already and is no socket, expected a new name",
+                             control->path);
+  const int probe = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
+  if (probe < 0) return session_fail_with(session, "--control: %s", strerror(errno));
+  const bool answers = connect(probe, (const struct sockaddr *)name, sizeof *name) == 0;
+  const int error = answers ? 0 : errno;
+  (void)close(probe);
+  if (answers || error == EAGAIN)
+    return session_fail_with(session, "--control %s: another program listens there", control->path);
+  if (error != ECONNREFUSED)
+    return session_fail_with(session,
+                             "--control %s: a socket that this program did not make is there (%s), expected "
+                             "a new name",
+                             control->path, strerror(error));
+  if (unlink(control->path) != 0 && errno != ENOENT)
+    return session_fail_with(session, "--control %s: a stale socket cannot be removed: %s", control->path,
+                             strerror(errno));
+  return 0;
+}
+
 static int open_socket(struct live_control *control) {
   struct session *session = control->session;
   struct sockaddr_un address = {.sun_family = AF_UNIX};
-  struct stat there;
   if (strlen(control->path) >= sizeof address.sun_path)
     return session_fail_with(session, "--control %s: the name has %zu bytes, expected %zu at most", control->path,
                              strlen(control->path), sizeof address.sun_path - 1);
   memcpy(address.sun_path, control->path, strlen(control->path) + 1);
-  const struct sockaddr *name = (const struct sockaddr *)&address;
+  if (remove_stale(control, &address) != 0) return EXIT_FAILURE;
   control->listening = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0);
   if (control->listening < 0) return session_fail_with(session, "--control: %s", strerror(errno));
-  if (lstat(control->path, &there) == 0) {
-    if (!S_ISSOCK(there.st_mode))
-      return session_fail_with(session, "--control %s: is there already and is no socket, expected a new name",
-                               control->path);
-    if (connect(control->listening, name, sizeof address) == 0)
-      return session_fail_with(session, "--control %s: another program listens there", control->path);
-    (void)unlink(control->path); /* stale socket of a killed process */
-  }
-  if (bind(control->listening, name, sizeof address) != 0 || listen(control->listening, 4) != 0)
+  if (bind(control->listening, (const struct sockaddr *)&address, sizeof address) != 0 ||
+      lstat(control->path, &control->socket) != 0 || listen(control->listening, 4) != 0)
     return session_fail_with(session, "--control %s: %s", control->path, strerror(errno));
   return 0;
 }
@@ -167,11 +186,11 @@ void live_control_stop(struct live_control *control) {
   }
   if (!control->made) return;
   if (control->listening >= 0) {
-    struct sockaddr_un bound = {0};
-    socklen_t bytes = sizeof bound;
-    const bool ours = getsockname(control->listening, (struct sockaddr *)&bound, &bytes) == 0 && bound.sun_path[0] != 0;
+    struct stat there;
     (void)close(control->listening);
-    if (ours) (void)unlink(control->path);
+    if (lstat(control->path, &there) == 0 && there.st_ino == control->socket.st_ino &&
+        there.st_dev == control->socket.st_dev && S_ISSOCK(control->socket.st_mode))
+      (void)unlink(control->path);
   }
   (void)pthread_mutex_destroy(&control->mutex);
   (void)pthread_cond_destroy(&control->moved);
