@@ -4,11 +4,12 @@
 
 #include <stdbool.h>
 
+/* In place of the program's. */
+#define session_fail_with live_control_fail_with
 #include "../../tools/ernerf-cli/live/live_control.c"
 
 static char said[4096];
 
-/* In place of the program's. */
 int session_fail_with(struct session *session, const char *format, ...) {
   va_list values;
   (void)session;

@@ -23,7 +23,8 @@ struct live_control {
   bool stop;            /* guarded by the mutex, as are the next members */
   bool has_line;        /* `line` waits to be taken, or for its answer */
   bool taken, answered; /* the state of `line` */
-  char line[LIVE_LINE], answer[LIVE_LINE];
+  char line[LIVE_LINE];
+  int client;         /* descriptor that lines are written to; -1: none */
   int listening;      /* descriptor of the listening socket; -1: none */
   struct stat socket; /* its file; all zeros: not made */
 };
@@ -35,6 +36,8 @@ int live_control_start(struct live_control *control, struct session *session);
 const char *live_control_line(struct live_control *control);
 /* text: one line, without its newline. */
 void live_control_answer(struct live_control *control, const char *text);
+/* Writes a line that is no answer to the client, if there is one. */
+void live_control_tell(struct live_control *control, const char *text);
 void live_control_stop(struct live_control *control); /* in any state */
 
 #endif
