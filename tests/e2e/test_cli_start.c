@@ -148,7 +148,23 @@ static void test_without_media(void **state) {
   assert_int_equal(setenv("ERNERF_BIN", kept, 1), 0);
 }
 
-/* Libraries that allocate, or start threads, while they are loaded end the process where they cannot. */
+static void run_limited(const char *line, rlim_t kib) {
+  struct rlimit before, now;
+  assert_int_equal(getrlimit(RLIMIT_AS, &before), 0);
+  now = before;
+  now.rlim_cur = kib * 1024;
+  assert_int_equal(setrlimit(RLIMIT_AS, &now), 0);
+  cli_run(&cli, "%s", line);
+  assert_int_equal(setrlimit(RLIMIT_AS, &before), 0);
+  if (cli.status > 1 || (cli.status == 1 && strstr(cli.err, "ernerf ") == NULL))
+    fail_msg("%s with %zu KiB: exit status %d: %s", line, (size_t)kib, cli.status, cli.err);
+  support_clear("x.mp4");
+  support_clear("x.npy");
+  support_clear("x");
+}
+
+/* Libraries that allocate, or start threads, while they are loaded end the process where they cannot. bench has
+ * threads of its own by then. */
 static void test_little_memory(void **state) {
   static const char *const lines[] = {"check clip",
                                       "render m.safetensors --clip clip -o x.mp4",
@@ -156,23 +172,11 @@ static void test_little_memory(void **state) {
                                       "detect x.mp4 --watermark key",
                                       "synth x --size 64 --frames 8",
                                       "features clip/aud.wav -o x.npy"};
-  struct rlimit before, now;
   (void)state;
-  assert_int_equal(getrlimit(RLIMIT_AS, &before), 0);
-  now = before;
-  for (size_t i = 0; i < sizeof lines / sizeof *lines; i++) {
-    for (rlim_t kib = 350000; kib <= 450000; kib += 50000) {
-      now.rlim_cur = kib * 1024;
-      assert_int_equal(setrlimit(RLIMIT_AS, &now), 0);
-      cli_run(&cli, "%s", lines[i]);
-      assert_int_equal(setrlimit(RLIMIT_AS, &before), 0);
-      if (cli.status > 1 || (cli.status == 1 && strstr(cli.err, "ernerf ") == NULL))
-        fail_msg("%s with %zu KiB: exit status %d: %s", lines[i], (size_t)kib, cli.status, cli.err);
-      support_clear("x.mp4");
-      support_clear("x.npy");
-      support_clear("x");
-    }
-  }
+  for (rlim_t kib = 350000; kib <= 450000; kib += 50000)
+    for (size_t i = 0; i < sizeof lines / sizeof *lines; i++) run_limited(lines[i], kib);
+  for (rlim_t kib = 700000; kib <= 900000; kib += 100000)
+    run_limited("bench m.safetensors clip --only frame --seconds 0 --rays 256 --quiet", kib);
 }
 
 int main(void) {
