@@ -112,6 +112,10 @@ ERN_API ERN_NODISCARD ern_status ern_live_flush(ern_live *live);
 /* Drops the sound that waits, except the next 40 to 80 ms, which fade out (windows: drops all), and ends a push that is
  * blocked. ERN_E_STATE: the sound has ended. */
 ERN_API ERN_NODISCARD ern_status ern_live_cancel(ern_live *live);
+/* Number of samples (windows: of windows) so far, pushed and inserted, without those that were dropped by
+ * ern_live_cancel: where in the sound of the frames the next one that is pushed will be, unless silence is inserted
+ * before it. 0 for NULL. Any thread. */
+ERN_API uint64_t ern_live_samples(ern_live *live);
 /* The sound ends: nothing can be pushed any more, and the remaining frames can be pulled. The windows after the last
  * follow `pad`. */
 ERN_API ERN_NODISCARD ern_status ern_live_end(ern_live *live);

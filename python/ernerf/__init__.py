@@ -18,6 +18,7 @@ No other thread may be in a call on an object that is closed.
 import contextlib
 import ctypes
 import json
+import numbers
 import operator
 import os
 import signal
@@ -64,7 +65,15 @@ def _path(value, name):
     return encoded
 
 
+def _real(value, name):
+    if isinstance(value, (bool, np.bool_)) or not isinstance(value, numbers.Real):
+        raise TypeError(f"{name} is {value!r}, expected a number")
+    return float(value)
+
+
 def _integer(value, name, kind=ctypes.c_size_t):
+    if isinstance(value, (bool, np.bool_)) or not hasattr(value, "__index__"):
+        raise TypeError(f"{name} is {value!r}, expected an integer")
     number = operator.index(value)
     if kind(number).value != number:
         raise ValueError(f"{name} is {number}, which is out of range")
@@ -98,7 +107,7 @@ def _set(struct, name, value, where):
         if not isinstance(value, (bool, np.bool_)):
             raise TypeError(f"{label} is {value!r}, expected True or False")
     elif kind in (ctypes.c_float, ctypes.c_double):
-        value = float(value)
+        value = _real(value, label)
     else:
         value = _integer(value, label, kind)
     setattr(struct, name, value)
@@ -154,12 +163,15 @@ def _interrupts(raised):
 # ---- objects ---------------------------------------------------------------------------------------------------------
 
 class _Object:
-    """An object of the C library, and how it is freed: when it is closed and has no users any more."""
+    """An object of the C library, and how it is freed: when it is closed and has no users any more. A call is a user."""
 
     _held = None
+    _has_threads = False  # which a child process of os.fork() lacks
 
     def _own(self, free, handle, *parents):
+        """Before the call that makes the object, so that the parents last."""
         self._held, self._users, self._parents, self.closed = [(free, handle)], {}, parents, False
+        self._process = os.getpid()
         for parent in parents:
             parent._users[id(self)] = True
 
@@ -167,6 +179,8 @@ class _Object:
     def _handle(self):
         if self.closed:
             raise ValueError(f"the {type(self).__name__} is closed")
+        if self._has_threads and self._process != os.getpid():
+            raise ValueError(f"the {type(self).__name__} was made before os.fork(), expected one of this process")
         return self._held[0][1]
 
     def _leave(self, user):
@@ -174,7 +188,7 @@ class _Object:
         self._free_unused()
 
     def _free_unused(self):
-        if not self.closed or self._users:
+        if not self.closed or self._users or self._process != os.getpid():  # freeing would wait for its threads
             return
         try:
             free, handle = self._held.pop()  # only one thread gets it
@@ -243,16 +257,25 @@ class Context(_Object):
         return self._media_library
 
     def _call(self, function, *arguments):
-        status = function(*arguments)
-        if status:
-            text = ctypes.create_string_buffer(4096)
-            self._engine.ern_last_error_copy(self._held[0][1], text, len(text))
-            raise Error(Status(status), text.value.decode(errors="replace"))
+        """Calls with the handles of objects among the arguments. What a callback closes is freed after the call."""
+        handles = [value._handle if isinstance(value, _Object) else value for value in arguments]
+        objects = [self, *(value for value in arguments if isinstance(value, _Object))]
+        for used in objects:
+            used._users[id(handles)] = True
+        try:
+            status = function(*handles)
+            if status:
+                text = ctypes.create_string_buffer(4096)
+                self._engine.ern_last_error_copy(self._held[0][1], text, len(text))
+                raise Error(Status(status), text.value.decode(errors="replace"))
+        finally:
+            for used in objects:
+                used._leave(handles)
 
     def _features_of(self, function, *arguments):
         features, owner = _c.Features(), _Object()
-        self._call(function, self._handle, *arguments, ctypes.byref(features))
         owner._own(lambda pointer: self._engine.ern_features_free(self._held[0][1], pointer), features, self)
+        self._call(function, self, *arguments, ctypes.byref(features))
         array = _features_array(owner, features, writable=True)
         owner.close()  # the array is its user
         return array
@@ -263,12 +286,12 @@ class Context(_Object):
 
     def speech(self, path, warp=1.0):
         """The built-in speech features of a sound file, float32 [windows, 16, 13]."""
-        return self._features_of(self._media.ern_speech_features, _path(path, "path"), warp)
+        return self._features_of(self._media.ern_speech_features, _path(path, "path"), _real(warp, "warp"))
 
     def poses(self, path):
         """The Poses of a transforms file."""
         poses = _c.PoseList()
-        self._call(self._engine.ern_pose_list_load, self._handle, _path(path, "path"), ctypes.byref(poses))
+        self._call(self._engine.ern_pose_list_load, self, _path(path, "path"), ctypes.byref(poses))
         rows = np.array(np.ctypeslib.as_array(poses.poses, (poses.count,)))
         view = View(poses.focal, poses.cx, poses.cy, poses.width, poses.height)
         self._engine.ern_pose_list_free(self._handle, ctypes.byref(poses))
@@ -277,7 +300,7 @@ class Context(_Object):
     def tensors(self, path):
         """The tensors of a .safetensors file by name, mapped into memory and read when they are used."""
         checked = _c.SAY_TENSOR(lambda *_: None)
-        self._call(self._engine.ern_file_tensors, self._handle, _path(path, "path"), checked, None)
+        self._call(self._engine.ern_file_tensors, self, _path(path, "path"), checked, None)
         with open(path, "rb") as file:
             length = int.from_bytes(file.read(8), "little")
             header = json.loads(file.read(length))
@@ -310,8 +333,8 @@ class Backend(_Object):
     def __init__(self, context, **options):
         engine, handle = context._engine, ctypes.c_void_p()
         config = _filled(engine.ern_backend_config_fill, _c.BackendConfig, options, "Backend")
-        context._call(engine.ern_backend_create, ctypes.byref(handle), context._handle, ctypes.byref(config))
         self._own(engine.ern_backend_free, handle, context)
+        context._call(engine.ern_backend_create, ctypes.byref(handle), context, ctypes.byref(config))
         self._context = context
 
     @property
@@ -324,19 +347,20 @@ class Model(_Object):
     """A trained portrait: a .safetensors file, or a .pth checkpoint of the public program."""
 
     def __init__(self, context, path):
-        handle = ctypes.c_void_p()
-        context._call(context._engine.ern_model_load, ctypes.byref(handle), context._handle, _path(path, "path"))
-        self._keep(context, handle)
+        self._make(context, lambda handle: context._call(context._engine.ern_model_load, handle, context,
+                                                         _path(path, "path")))
 
-    def _keep(self, context, handle):
+    def _make(self, context, load):
+        handle = ctypes.c_void_p()
         self._own(context._engine.ern_model_free, handle, context)
+        load(ctypes.byref(handle))
         self._context = context
         self.info = _described(context._engine.ern_model_describe_sized, handle, _c.ModelInfo)
         return self
 
     def save(self, path):
         """Writes the model as a .safetensors file."""
-        self._context._call(self._context._engine.ern_model_save, self._handle, _path(path, "path"))
+        self._context._call(self._context._engine.ern_model_save, self, _path(path, "path"))
 
     def tensors(self):
         """The model's tensors by name, as read-only arrays: those that save() writes. Uses a temporary file."""
@@ -349,19 +373,21 @@ class Model(_Object):
 class Renderer(_Object):
     """Draws frames of a model; options as in struct ern_render_options."""
 
+    _has_threads = True
+
     def __init__(self, backend, model, **options):
         context = backend._context
         engine, handle = context._engine, ctypes.c_void_p()
         options = _filled(engine.ern_render_options_fill, _c.RenderOptions, options, "Renderer")
-        context._call(engine.ern_renderer_create, ctypes.byref(handle), backend._handle, model._handle,
-                      ctypes.byref(options))
         self._own(engine.ern_renderer_free, handle, backend, model)
+        context._call(engine.ern_renderer_create, ctypes.byref(handle), backend, model,
+                      ctypes.byref(options))
         self._context, self._info = context, model.info
 
     def windows(self, features, index):
         """The speech input of a frame: the windows index-4 .. index+3, float32 [8, window_length, width]."""
         struct, kept = _features_struct(features, "features")
-        self._context._call(self._context._engine.ern_renderer_accepts, self._handle, ctypes.byref(struct), b"features")
+        self._context._call(self._context._engine.ern_renderer_accepts, self, ctypes.byref(struct), b"features")
         windows = np.empty((8, *kept.shape[1:]), np.float32)
         self._context._engine.ern_audio_windows(_pointer(windows), ctypes.byref(struct),
                                                 _integer(index, "index", ctypes.c_int64), self._info.audio_pad)
@@ -394,7 +420,8 @@ class Renderer(_Object):
             torso = _array(torso, "torso", np.uint8, height, width, 4)
             given.torso = _pointer(torso)
         camera = given.camera
-        camera.focal, camera.cx, camera.cy, camera.width, camera.height = view.focal, view.cx, view.cy, width, height
+        for name in View._fields:
+            _set(camera, name, getattr(view, name), "view")
         self._context._engine.ern_camera_pose(camera.pose, _pointer(matrix), self._info.scale)
         wanted, arrays = _c.FrameOutput(), []
         for name in [outputs] if one else outputs:
@@ -403,7 +430,7 @@ class Renderer(_Object):
             dtype, *channels = _OUTPUTS[name]
             arrays.append(np.empty((height, width, *channels), dtype))
             setattr(wanted, name, _pointer(arrays[-1]))
-        self._context._call(self._context._engine.ern_renderer_frame_sized, self._handle, ctypes.byref(given),
+        self._context._call(self._context._engine.ern_renderer_frame_sized, self, ctypes.byref(given),
                             ctypes.sizeof(given), ctypes.byref(wanted), ctypes.sizeof(wanted), None, 0)
         return arrays[0] if one else arrays
 
@@ -414,9 +441,9 @@ class Clip(_Object):
     def __init__(self, context, folder, **options):
         self._media, handle = context._media, ctypes.c_void_p()
         options = _filled(self._media.ern_clip_options_fill, _c.ClipOptions, options, "Clip", without=("network",))
-        context._call(self._media.ern_clip_open, context._handle, _path(folder, "folder"), ctypes.byref(options),
-                      ctypes.byref(handle))
         self._own(self._media.ern_clip_free, handle, context)
+        context._call(self._media.ern_clip_open, context, _path(folder, "folder"), ctypes.byref(options),
+                      ctypes.byref(handle))
         self._context = context
         self.info = _described(self._media.ern_clip_describe_sized, handle, _c.ClipInfo)
         self.view = View(self.info.focal, self.info.cx, self.info.cy, self.info.width, self.info.height)
@@ -445,7 +472,7 @@ class Clip(_Object):
     def pixels(self, split, index):
         """The picture of a frame, uint8 [height, width, 3], and its torso, [height, width, 4] or None."""
         images = _c.Image(), _c.Image()
-        self._context._call(self._media.ern_clip_pixels, self._handle, Split(split), _integer(index, "index"),
+        self._context._call(self._media.ern_clip_pixels, self, Split(split), _integer(index, "index"),
                             *(ctypes.byref(image) for image in images))
         return tuple(  # the clip uses the memory again for the next frame
             np.array(np.ctypeslib.as_array(image.data, (image.height, image.width, image.channels)))
@@ -455,6 +482,8 @@ class Clip(_Object):
 class Trainer(_Object):
     """Trains on a clip; options as in struct ern_train_config, `from` as `from_`; head is a Model."""
 
+    _has_threads = True
+
     def __init__(self, backend, clip, head=None, **options):
         context = backend._context
         engine, handle, dataset = context._engine, ctypes.c_void_p(), _c.Dataset()
@@ -463,9 +492,9 @@ class Trainer(_Object):
         if head is not None:
             config.head = head._handle
         context._media.ern_clip_dataset_sized(clip._handle, ctypes.byref(dataset), ctypes.sizeof(dataset))
-        context._call(engine.ern_trainer_create_sized, ctypes.byref(handle), backend._handle, ctypes.byref(dataset),
-                      ctypes.sizeof(dataset), ctypes.byref(config))
         self._own(engine.ern_trainer_free, handle, backend, clip)
+        context._call(engine.ern_trainer_create_sized, ctypes.byref(handle), backend, ctypes.byref(dataset),
+                      ctypes.sizeof(dataset), ctypes.byref(config))
         self._context = context
 
     @property
@@ -476,23 +505,24 @@ class Trainer(_Object):
     def step(self):
         """Does one step; returns its report: step, iters, loss, psnr, ... (struct ern_train_report)."""
         report = _c.TrainReport()
-        self._context._call(self._context._engine.ern_trainer_step_sized, self._handle, ctypes.byref(report),
+        self._context._call(self._context._engine.ern_trainer_step_sized, self, ctypes.byref(report),
                             ctypes.sizeof(report))
         return _values(report)
 
     def run(self, progress=None):
         """Steps until all are done, validating and saving as configured.
 
-        progress: called about twice a second with a report; if it returns anything but 0, False or None, or raises, the
-        training saves and stops. run() then raises Error with Status.E_CANCELLED, or what progress raised. After
-        Ctrl-C, in the main thread, the training saves and stops too, and run() raises KeyboardInterrupt.
+        progress: called about twice a second with a report; if it returns anything but 0, False or None, raises, or
+        closes the Trainer, the training saves and stops. run() then raises Error with Status.E_CANCELLED, or what
+        progress raised. After Ctrl-C, in the main thread, the training saves and stops too, and run() raises
+        KeyboardInterrupt.
         """
         raised = []
 
         def hook(_, report):
             try:
                 stop = progress and progress(_values(report[0]))
-                return bool(raised or stop)
+                return bool(raised or stop or self.closed)
             except BaseException as error:
                 raised.append(error)
                 return 1
@@ -500,7 +530,7 @@ class Trainer(_Object):
         hooks = _c.TrainHooks(progress=_c.PROGRESS(hook))
         try:
             with _interrupts(raised):
-                self._context._call(self._context._engine.ern_trainer_run_sized, self._handle, ctypes.byref(hooks),
+                self._context._call(self._context._engine.ern_trainer_run_sized, self, ctypes.byref(hooks),
                                     ctypes.sizeof(hooks))
         except Error:
             if not raised:
@@ -510,10 +540,10 @@ class Trainer(_Object):
 
     def save(self):
         """Writes the training state and the model to the files that `output` names."""
-        self._context._call(self._context._engine.ern_trainer_save, self._handle)
+        self._context._call(self._context._engine.ern_trainer_save, self)
 
     def model(self):
         """A copy of the Model in its current state."""
-        handle = ctypes.c_void_p()
-        self._context._call(self._context._engine.ern_trainer_model, self._handle, ctypes.byref(handle))
-        return Model.__new__(Model)._keep(self._context, handle)
+        context = self._context
+        return Model.__new__(Model)._make(
+            context, lambda handle: context._call(context._engine.ern_trainer_model, self, handle))

@@ -93,8 +93,9 @@ ern_status ern_pool_make(ern_context *context, int threads, struct ern_pool **po
   for (int i = 1; i < made->threads; i++) {
     made->worker[i] = (struct worker){made, i};
     if (pthread_create(&made->helper[i], NULL, helper_main, &made->worker[i]) != 0) {
+      const int wanted = made->threads;
       ern_pool_free(made);
-      return ern_fail(context, ERN_E_NO_MEMORY, "threads: the system refused thread %d of %d", i + 1, threads);
+      return ern_fail(context, ERN_E_NO_MEMORY, "threads: the system refused thread %d of %d", i + 1, wanted);
     }
     made->started++;
   }

@@ -4,9 +4,18 @@
 #include <dlfcn.h>
 #include <string.h>
 
+#include "media/thin/load_trial.h"
+
 ern_status ern_library_load(ern_context *context, const char *what, const struct ern_loaded_library *library,
                             void **handle, const void **table) {
   *table = NULL;
+  *handle = NULL;
+  if (!ern_load_trial(library->file))
+    return ern_fail(
+        context, ERN_E_NO_MEMORY,
+        "%s: is computed by %s, which cannot be loaded: the libraries that it needs end the process for want "
+        "of memory or threads; expected higher limits (ulimit -v, -d, -u)",
+        what, library->file);
   *handle = dlopen(library->file, RTLD_LAZY | RTLD_LOCAL | RTLD_NODELETE);
   if (*handle == NULL)
     return ern_fail(context, ERN_E_UNSUPPORTED,

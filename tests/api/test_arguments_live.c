@@ -72,6 +72,7 @@ CHECK(ern_live_push_windows) {
 CHECK(ern_live_insert_silence) { REFUSED_ALONE(ern_live_insert_silence(NULL)); }
 CHECK(ern_live_flush) { REFUSED_ALONE(ern_live_flush(NULL)); }
 CHECK(ern_live_cancel) { REFUSED_ALONE(ern_live_cancel(NULL)); }
+CHECK(ern_live_samples) { assert_int_equal(ern_live_samples(NULL), 0); }
 CHECK(ern_live_end) { REFUSED_ALONE(ern_live_end(NULL)); }
 CHECK(ern_live_pull) {
   const ern_live_frame *frame = (const ern_live_frame *)(const void *)&w;
@@ -105,6 +106,7 @@ static const struct arguments_check table[] = {ROW(ern_live_options_fill),
                                                ROW(ern_live_insert_silence),
                                                ROW(ern_live_flush),
                                                ROW(ern_live_cancel),
+                                               ROW(ern_live_samples),
                                                ROW(ern_live_end),
                                                ROW(ern_live_pull),
                                                ROW(ern_live_draw_sized),

@@ -135,11 +135,18 @@ for _ in 1 2; do
   grep -qa "Content-Type: video/mp4" http.bin || fail "http: $(head -c 300 http.bin)"
   grep -qa moof http.bin || fail "http: no piece of an mp4"
 done
-printf 'eyes 2\nhold on\nbackground white\nplay clip/aud.wav\nplay gone.wav\nstop\nstatistics\nnonsense\nquit\n' >&8
+printf 'play clip/aud.wav\n' >&8
+for _ in $(seq 600); do grep -q '^started 1$' err.txt && break; sleep 0.1; done
+printf 'statistics\n' >&8
+for _ in $(seq 600); do grep -q '^ended 1$' err.txt && break; sleep 0.1; done
+[ "$(grep -xE 'ok 1|started 1|ended 1' err.txt | tr '\n' ' ')" = "ok 1 started 1 ended 1 " ] || fail "events: $(cat err.txt)"
+printf 'eyes 2\nhold on\nbackground white\nplay clip/aud.wav\nplay gone.wav\nplay clip/bc.jpg\nstop\nstatistics\nnonsense\nquit\n' >&8
 status=0; wait $program || status=$?
-refused 0 $status "error: eyes" "error: play: gone.wav: No such file" "^ok$" '"readers":2' "\"nonsense\" is not known"
-[ "$(grep -c '^ok$' err.txt)" = 5 ] || fail "answers: $(cat err.txt)"
+refused 0 $status "error: eyes" "error: play: gone.wav: No such file" "error: play: clip/bc.jpg" "^ok 2$" '"readers":2' "\"nonsense\" is not known" \
+  '"speaking":1,"queued":0' '"speaking":null,"queued":0'
+[ "$(grep -c '^ok$' err.txt)" = 4 ] || fail "answers: $(cat err.txt)"
 { echo "say hello"; sleep 1; echo quit; } | TMPDIR=$PWD/gone live --control - -o said.rgba 2> err.txt
+grep -q "^failed 1$" err.txt || fail "say without a TMPDIR: $(cat err.txt)"
 grep -q "gone/ernerf-say-.*TMPDIR.*No such file" err.txt || fail "say without a TMPDIR: $(cat err.txt)"
 echo mine > mine.sock
 status=0; live --control mine.sock -o x.mp4 2> err.txt || status=$?

@@ -82,9 +82,107 @@ static void test_files(void **state) {
   assert_true(loads(0, line, &all) > 0);
 }
 
+static void copy(const char *from, const char *to) {
+  size_t count = 0;
+  uint8_t *bytes = cli_bytes(from, &count);
+  support_write(to, bytes, count);
+  assert_int_equal(chmod(to, 0755), 0);
+  free(bytes);
+}
+
+/* A program that has lost one of the libraries that it loads: bin/ernerf and lib/ of it in the folder `to`. */
+static void install_without(const char *lost, const char *to) {
+  static const char *const parts[] = {"", "-media", "-media-impl", "-prepare", "-vision", "-perceptual", "-mpi"};
+  char folder[512], from[4096], path[1024];
+  const char *program = getenv("ERNERF_BIN"), *slash = strrchr(program, '/');
+  assert_int_equal(mkdir(to, 0755), 0);
+  snprintf(folder, sizeof folder, "%s/bin", to);
+  assert_int_equal(mkdir(folder, 0755), 0);
+  snprintf(folder, sizeof folder, "%s/lib", to);
+  assert_int_equal(mkdir(folder, 0755), 0);
+  for (size_t i = 0; i < sizeof parts / sizeof *parts; i++) {
+    snprintf(from, sizeof from, "%.*s/../lib/libernerf%s.so.%d", (int)(slash - program), program, parts[i],
+             ERN_VERSION_MAJOR);
+    snprintf(path, sizeof path, "%s/libernerf%s.so.%d", folder, parts[i], ERN_VERSION_MAJOR);
+    if (strcmp(parts[i], lost) != 0 && cli_there(from)) copy(from, path);
+  }
+  snprintf(path, sizeof path, "%s/bin/ernerf", to);
+  copy(program, path);
+  assert_int_equal(setenv("ERNERF_BIN", path, 1), 0);
+}
+
+/* Without the library of media a verb that needs it ends with a message, and leaves no output. The model is that of
+ * test_files. */
+static void test_without_media(void **state) {
+  static const char *const lines[] = {"check clip",
+                                      "train clip -o x.safetensors --iters 1",
+                                      "train clip --torso --head m.safetensors -o x.safetensors --iters 1",
+                                      "render m.safetensors --clip clip -o x.mp4",
+                                      "render m.safetensors --clip clip --audio clip/aud.wav -o x.mp4",
+                                      "render m.safetensors --clip clip --audio clip/aud.wav -o -",
+                                      "live m.safetensors --clip clip --duration 1 -o x.mp4",
+                                      "live m.safetensors --clip clip --audio clip/aud.wav -o x.mp4",
+                                      "live m.safetensors --clip clip --control - -o http://127.0.0.1:1/",
+                                      "eval m.safetensors clip",
+                                      "compare m.safetensors m.safetensors clip -o x",
+                                      "features clip/aud.wav -o x.npy",
+                                      "features clip/aud.wav --speech-model x.onnx -o x.npy",
+                                      "detect x.mp4 --watermark key",
+                                      "synth x --size 64 --frames 8",
+                                      "bench m.safetensors clip",
+                                      "tradeoff m.safetensors clip -o x",
+                                      "soak clip --steps 1",
+                                      "ablate clip -o x --iters 1"};
+  const char *program = getenv("ERNERF_BIN");
+  char kept[2048], path[2048];
+  (void)state;
+  snprintf(kept, sizeof kept, "%s", program);
+  snprintf(path, sizeof path, "%s/data/tiny", getenv("ERNERF_SOURCE"));
+  cli_copy(path, "clip");
+  install_without("-media-impl", "bare");
+  for (size_t i = 0; i < sizeof lines / sizeof *lines; i++) {
+    cli_run(&cli, "%s", lines[i]);
+    cli_expect(&cli, 1, "libernerf-media-impl.so", "cannot be loaded", NULL);
+    assert_false(cli_there("x.mp4") || cli_there("x.npy") || cli_there("x.safetensors"));
+  }
+  assert_int_equal(setenv("ERNERF_BIN", kept, 1), 0);
+}
+
+static void run_limited(const char *line, rlim_t kib) {
+  struct rlimit before, now;
+  assert_int_equal(getrlimit(RLIMIT_AS, &before), 0);
+  now = before;
+  now.rlim_cur = kib * 1024;
+  assert_int_equal(setrlimit(RLIMIT_AS, &now), 0);
+  cli_run(&cli, "%s", line);
+  assert_int_equal(setrlimit(RLIMIT_AS, &before), 0);
+  if (cli.status > 1 || (cli.status == 1 && strstr(cli.err, "ernerf ") == NULL))
+    fail_msg("%s with %zu KiB: exit status %d: %s", line, (size_t)kib, cli.status, cli.err);
+  support_clear("x.mp4");
+  support_clear("x.npy");
+  support_clear("x");
+}
+
+/* Libraries that allocate, or start threads, while they are loaded end the process where they cannot. bench has
+ * threads of its own by then. */
+static void test_little_memory(void **state) {
+  static const char *const lines[] = {"check clip",
+                                      "render m.safetensors --clip clip -o x.mp4",
+                                      "live m.safetensors --clip clip --duration 1 -o x.mp4",
+                                      "detect x.mp4 --watermark key",
+                                      "synth x --size 64 --frames 8",
+                                      "features clip/aud.wav -o x.npy"};
+  (void)state;
+  for (rlim_t kib = 350000; kib <= 450000; kib += 50000)
+    for (size_t i = 0; i < sizeof lines / sizeof *lines; i++) run_limited(lines[i], kib);
+  for (rlim_t kib = 700000; kib <= 900000; kib += 100000)
+    run_limited("bench m.safetensors clip --only frame --seconds 0 --rays 256 --quiet", kib);
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_help), cmocka_unit_test(test_before_an_input),
-                                     cmocka_unit_test(test_files)};
+                                     cmocka_unit_test(test_files), cmocka_unit_test(test_without_media),
+                                     cmocka_unit_test(test_little_memory)};
 #if !ERN_SHARED
   puts("the libraries are static");
   return 0;

@@ -8,6 +8,8 @@ import gc
 import json
 import os
 import signal
+import subprocess
+import sys
 import threading
 import unittest
 
@@ -205,6 +207,47 @@ class Module(unittest.TestCase):
             with self.says(ValueError, f"the {what} is closed"):
                 use()
 
+    def test_close_in_callbacks(self):
+        """What a callback closes is freed after the call."""
+        with ernerf.Context() as context, ernerf.Backend(context) as backend, ernerf.Clip(context, "clip") as clip:
+            trainer = ernerf.Trainer(backend, clip, iters=10, validate_every=4, validate_frames=1, **OPTIONS)
+            with self.says(ernerf.Error, "of 10") as caught:
+                trainer.run(lambda report: trainer.close())
+            self.assertEqual(caught.exception.status, ernerf.Status.E_CANCELLED)
+            self.assertEqual(trainer._held, [])
+            with self.says(ValueError, "the Trainer is closed"):
+                trainer.step()
+        context = ernerf.Context(log=lambda level, line: context.close())
+        backend = ernerf.Backend(context)
+        self.assertTrue(context.closed and context._held)
+        backend.close()
+        self.assertEqual(context._held, [])
+
+    def test_fork(self):
+        """A child process has no threads of its parent's: it neither waits for them nor draws."""
+        program = """
+import os, sys, ernerf, numpy
+context = ernerf.Context()
+renderer = ernerf.Renderer(ernerf.Backend(context), ernerf.Model(context, "head.safetensors"), threads=2)
+windows = renderer.windows(context.features("speech.npy"), 0)
+def frame():
+    return renderer.frame(ernerf.View(150, 16, 16, 32, 32), numpy.eye(4, dtype=numpy.float32), windows)
+frame()
+child = os.fork()
+if child == 0:
+    try:
+        frame()
+    except ValueError as error:
+        sys.exit(7 if "the Renderer was made before os.fork()" in str(error) else 8)
+sys.exit(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
+"""
+        with subprocess.Popen([sys.executable, "-c", program], start_new_session=True) as process:
+            try:
+                self.assertEqual(process.wait(60), 7)
+            finally:
+                if process.poll() is None:
+                    os.killpg(process.pid, signal.SIGKILL)
+
     def test_threads(self):
         model = ernerf.Model(self.context, "head.safetensors")
         speech, pictures = self.context.features("speech.npy"), [None] * 4
@@ -266,6 +309,17 @@ class Module(unittest.TestCase):
                 (ValueError, ("9000 x 32 pixels", "8192"), lambda: frame(view._replace(width=9000))),
                 (ValueError, ("individual is -1", "range"), lambda: frame(individual=-1)),
                 (ernerf.Error, ("eye",), lambda: frame(eye=2.0)),
+                (TypeError, ("frame: eye is '1', expected a number",), lambda: frame(eye="1")),
+                (TypeError, ("eye is True, expected a number",), lambda: frame(eye=True)),
+                (TypeError, ("individual is 1.0, expected an integer",), lambda: frame(individual=1.0)),
+                (TypeError, ("view: focal is '150', expected a number",), lambda: frame(view._replace(focal="150"))),
+                (TypeError, ("height is '32', expected an integer",), lambda: frame(view._replace(height="32"))),
+                (TypeError, ("index is '0', expected an integer",), lambda: renderer.windows(speech, "0")),
+                (TypeError, ("warp is '1', expected a number",), lambda: self.context.speech("clip/aud.wav", "1")),
+                (TypeError, ("image_scale is '1', expected a number",),
+                 lambda: ernerf.Renderer(self.backend, model, image_scale="1")),
+                (TypeError, ("iters is '9', expected an integer",),
+                 lambda: ernerf.Trainer(self.backend, clip, iters="9")),
                 (ernerf.Error, ("pose",), lambda: frame(matrix=np.full((4, 4), np.nan, np.float32))),
                 (ernerf.Error, ("features", "13"), lambda: renderer.windows(speech[:, :, :4], 0)),
                 (TypeError, ("Renderer has no option steps", "max_steps"),

@@ -11,33 +11,14 @@
 #include "io/json.h"
 #include "media/clip/clip.h"
 
-static const char *const contents[] = {[ERN_PART_TRUTH] = "gt_imgs",
-                                       [ERN_PART_TORSO] = "torso_imgs",
-                                       [ERN_PART_LANDMARKS] = "ori_imgs",
-                                       [ERN_PART_PARSING] = "parsing",
-                                       [ERN_CLIP_TRAIN] = "transforms_train.json",
-                                       [ERN_CLIP_VAL] = "transforms_val.json",
-                                       [ERN_CLIP_BACKGROUND] = "bc.jpg",
-                                       [ERN_CLIP_SOUND] = "aud.wav",
-                                       [ERN_CLIP_BLINKS] = "au.csv",
-                                       [ERN_CLIP_RECORD] = "prepare.json",
-                                       [ERN_CLIP_DEEPSPEECH] = "aud_ds.npy",
-                                       [ERN_CLIP_ESPERANTO] = "aud_eo.npy",
-                                       [ERN_CLIP_HUBERT] = "aud_hu.npy",
-                                       [ERN_CLIP_FEATURES] = "aud.npy",
-                                       [ERN_CLIP_CEPSTRA] = "aud_cep.npy"};
 /* Extensions looked for, in order. */
 static const char *const part_endings[][3] = {[ERN_PART_TRUTH] = {"jpg", "png", "jpeg"},
                                               [ERN_PART_TORSO] = {"png"},
                                               [ERN_PART_LANDMARKS] = {"lms"},
                                               [ERN_PART_PARSING] = {"png"}};
 
-const char *ern_clip_content(size_t index) {
-  return index < sizeof contents / sizeof *contents ? contents[index] : NULL;
-}
-
 ern_status ern_clip_path(ern_context *context, const char *folder, enum ern_clip_content content, char **path) {
-  return ern_path_join(context, folder, contents[content], path);
+  return ern_path_join(context, folder, ern_clip_content(content), path);
 }
 
 static ern_status is_there(ern_context *context, const char *folder, const char *name, bool *there) {
@@ -50,7 +31,7 @@ static ern_status is_there(ern_context *context, const char *folder, const char 
 }
 
 ern_status ern_clip_has(ern_context *context, const char *folder, enum ern_clip_content content, bool *there) {
-  return is_there(context, folder, contents[content], there);
+  return is_there(context, folder, ern_clip_content(content), there);
 }
 
 ern_status ern_clip_part_path(ern_context *context, const char *folder, ern_clip_part part, int64_t img_id,
@@ -60,12 +41,12 @@ ern_status ern_clip_part_path(ern_context *context, const char *folder, ern_clip
   *path = NULL;
   for (size_t i = 0; i < 3 && part_endings[part][i] != NULL; i++) {
     bool there = false;
-    snprintf(name, sizeof name, "%s/%" PRId64 ".%s", contents[part], img_id, part_endings[part][i]);
+    snprintf(name, sizeof name, "%s/%" PRId64 ".%s", ern_clip_content(part), img_id, part_endings[part][i]);
     ERN_TRY(is_there(context, folder, name, &there));
     if (there) return ern_path_join(context, folder, name, path);
   }
   return ern_fail(context, ERN_E_MISSING, "%s/%s/%" PRId64 ".%s: is missing, and img_id %" PRId64 " needs it", folder,
-                  contents[part], img_id, part_endings[part][0], img_id);
+                  ern_clip_content(part), img_id, part_endings[part][0], img_id);
 fail:
   return status;
 }
@@ -181,7 +162,7 @@ ern_status ern_clip_features_name(ern_context *context, const char *folder, cons
     bool there = false;
     if (asr_model != NULL && (kinds[i].model == NULL || strstr(asr_model, kinds[i].model) == NULL)) continue;
     known = true;
-    *name = contents[kinds[i].file];
+    *name = ern_clip_content(kinds[i].file);
     ERN_TRY(ern_clip_has(context, folder, kinds[i].file, &there));
     if (there) return ERN_OK;
   }

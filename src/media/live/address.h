@@ -7,6 +7,9 @@
 
 #include "core/status.h"
 
+/* The bytes of a scheme at the beginning of `url`, as FFmpeg finds it: up to ":", or up to "," in
+ * "subfile,,start,...:". 0: there is none. */
+size_t ern_scheme_length(const char *url);
 /* Sets *path to the path of the file, pipe or device that `url` names, which points into `url`; NULL: it is an address
  * "SCHEME://..." of a network. ERN_E_UNSUPPORTED: it begins with another of FFmpeg's protocols, such as "concat:", or
  * with an unknown scheme and "://". */

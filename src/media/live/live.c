@@ -388,6 +388,14 @@ ern_status ern_live_cancel(ern_live *live) {
   return status;
 }
 
+uint64_t ern_live_samples(ern_live *live) {
+  if (live == NULL) return 0;
+  (void)pthread_mutex_lock(&live->mutex);
+  const uint64_t samples = live->samples;
+  (void)pthread_mutex_unlock(&live->mutex);
+  return samples;
+}
+
 ern_status ern_live_end(ern_live *live) {
   ERN_PLAIN_FLOATS;
   ERN_NEED(NULL, live);

@@ -74,12 +74,6 @@ static int describe(const ern_sound_reader_options *o, bool device, AVDictionary
   return error;
 }
 
-bool ern_sound_reader_is_device(const char *url) {
-  if (url == NULL) return false;
-  const char *colon = strchr(url, ':');
-  return colon != NULL && colon != url && strchr(url, '/') == NULL && ern_stream_file(url) == url;
-}
-
 static ern_status open_input(ern_sound_reader *r, const char *url) {
   ern_context *context = r->context;
   struct ern_decoder_input input = {.url = url, .interrupt = {r->options.stop, r->options.user}};

@@ -3,6 +3,7 @@
  * and calls the function in its table. */
 #include <stdatomic.h>
 #include <stddef.h>
+#include <string.h>
 
 #include "media/loaded_library.h"
 #include "media/thin/functions.h"
@@ -35,17 +36,22 @@ static const struct ern_media_functions *load(ern_context *context, const char *
     if (functions != NULL) return functions->name arguments;                     \
     empty return status;                                                         \
   }
-#define FORWARD_VALUE(type, name, parameters, arguments)                      \
+/* Where the library is not loaded, there is no object: what these two answer is what their headers say of NULL. */
+#define FORWARD_VALUE(type, name, parameters, arguments, none)                \
   type name parameters {                                                      \
     ern_status status = ERN_OK;                                               \
     const struct ern_media_functions *functions = load(NULL, #name, &status); \
-    return functions != NULL ? functions->name arguments : (type){0};         \
+    return functions != NULL ? functions->name arguments : none;              \
   }
-#define FORWARD_VOID(name, parameters, arguments)                             \
+#define FORWARD_VOID(name, parameters, arguments, empty)                      \
   void name parameters {                                                      \
     ern_status status = ERN_OK;                                               \
     const struct ern_media_functions *functions = load(NULL, #name, &status); \
-    if (functions != NULL) functions->name arguments;                         \
+    if (functions != NULL) {                                                  \
+      functions->name arguments;                                              \
+      return;                                                                 \
+    }                                                                         \
+    empty                                                                     \
   }
 /* Where the library is not loaded, there is nothing to free. */
 #define FORWARD_FREE(name, parameters, arguments)                                                     \

@@ -12,15 +12,16 @@
 #include "media/thin/function_list.h"
 
 #define ERN_STATUS_MEMBER(name, parameters, arguments, context, empty) ern_status(*name) parameters;
-#define ERN_VALUE_MEMBER(type, name, parameters, arguments) type(*name) parameters;
-#define ERN_VOID_MEMBER(name, parameters, arguments) void(*name) parameters;
+#define ERN_VALUE_MEMBER(type, name, parameters, arguments, none) type(*name) parameters;
+#define ERN_VOID_MEMBER(name, parameters, arguments, empty) void(*name) parameters;
+#define ERN_FREE_MEMBER(name, parameters, arguments) void(*name) parameters;
 
 struct ern_media_functions {
   const char *version; /* of the library: "0.1.0" */
   ERN_MEDIA_STATUS(ERN_STATUS_MEMBER)
   ERN_MEDIA_VALUE(ERN_VALUE_MEMBER)
   ERN_MEDIA_VOID(ERN_VOID_MEMBER)
-  ERN_MEDIA_FREE(ERN_VOID_MEMBER)
+  ERN_MEDIA_FREE(ERN_FREE_MEMBER)
 };
 
 /* The only exported symbol of libernerf-media-impl. */

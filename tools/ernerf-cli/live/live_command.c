@@ -3,6 +3,7 @@
 #include <errno.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include "live/live_job.h"
@@ -23,8 +24,21 @@ static bool is_unreadable(const char *url) {
   return path != NULL && strcmp(path, "-") != 0 && !ern_sound_reader_is_device(url) && access(path, R_OK) != 0;
 }
 
+/* Whether the sound of a regular file can be read; other inputs would block. */
+static bool has_sound(struct live_job *job, const char *url) {
+  ern_sound_reader_options options = ern_sound_reader_options_default();
+  ern_sound_reader *reader = NULL;
+  const char *path = ern_stream_file(url);
+  struct stat about;
+  if (path == NULL || stat(path, &about) != 0 || !S_ISREG(about.st_mode)) return true;
+  const bool has = ern_sound_reader_open(job->session.context, url, &options, &reader) == ERN_OK;
+  ern_sound_reader_free(&reader);
+  return has;
+}
+
 static void say(struct live_job *job, bool speaks, const char *rest) {
-  char text[LIVE_LINE];
+  char text[LIVE_LINE], reason[LIVE_LINE];
+  unsigned id = 0;
   if (rest[0] == 0)
     refuse(job, speaks ? "say: expected a text" : "play: expected a file");
   else if (job->sound.url != NULL && !job->sound.keeps_running)
@@ -32,10 +46,16 @@ static void say(struct live_job *job, bool speaks, const char *rest) {
   else if (!speaks && is_unreadable(rest)) {
     snprintf(text, sizeof text, "play: %.3500s: %s", rest, strerror(errno));
     refuse(job, text);
-  } else if (!live_sound_say(&job->sound, speaks, rest))
+  } else if (!speaks && !has_sound(job, rest)) {
+    (void)ern_last_error_copy(job->session.context, reason, sizeof reason);
+    snprintf(text, sizeof text, "play: %.3500s", reason);
+    refuse(job, text);
+  } else if ((id = live_sound_say(&job->sound, speaks, rest)) == 0) {
     refuse(job, "say and play: 32 of them wait already");
-  else
-    live_control_answer(&job->commands, "ok");
+  } else {
+    snprintf(text, sizeof text, "ok %u", id);
+    live_control_answer(&job->commands, text);
+  }
 }
 
 static void set_eyes(struct live_job *job, const char *rest) {

@@ -31,32 +31,33 @@ static bool await_input(struct live_control *control, int descriptor) {
   return false;
 }
 
-/* Passes a line to the main thread and waits for its answer; false: the program ends. */
-static bool exchange(struct live_control *control, const char *line, char answer[LIVE_LINE]) {
+/* Writes a line. A peer that has disconnected does not end the stream. The caller holds the lock. */
+static void tell(struct live_control *control, const char *text) {
+  char line[LIVE_LINE];
+  snprintf(line, sizeof line, "%.*s\n", LIVE_LINE - 2, text);
+  if (control->listening < 0)
+    (void)fputs(line, stderr);
+  else if (control->client >= 0)
+    (void)send(control->client, line, strlen(line), MSG_NOSIGNAL | MSG_DONTWAIT);
+}
+
+/* Passes a line to the main thread and waits until it has answered; false: the program ends. */
+static bool exchange(struct live_control *control, const char *line) {
   (void)pthread_mutex_lock(&control->mutex);
   snprintf(control->line, sizeof control->line, "%s", line);
   control->has_line = true;
   control->taken = control->answered = false;
   while (!control->answered && !control->stop) (void)pthread_cond_wait(&control->moved, &control->mutex);
   const bool answered = control->answered;
-  snprintf(answer, LIVE_LINE, "%.*s\n", LIVE_LINE - 2, control->answer);
   control->has_line = false;
   (void)pthread_mutex_unlock(&control->mutex);
   return answered;
 }
 
-/* A peer that has disconnected does not end the stream. */
-static void reply(int descriptor, bool is_socket, const char *answer) {
-  if (is_socket)
-    (void)send(descriptor, answer, strlen(answer), MSG_NOSIGNAL | MSG_DONTWAIT);
-  else
-    (void)fputs(answer, stderr);
-}
-
 /* Reads lines until the end of the input. Of a line that is too long, only the first LIVE_LINE - 1 bytes are kept, and
  * it is refused. */
-static void read_lines(struct live_control *control, int descriptor, bool is_socket) {
-  char line[LIVE_LINE], answer[LIVE_LINE], piece[512];
+static void read_lines(struct live_control *control, int descriptor) {
+  char line[LIVE_LINE], piece[512];
   size_t length = 0;
   bool too_long = false;
   while (await_input(control, descriptor)) {
@@ -72,28 +73,35 @@ static void read_lines(struct live_control *control, int descriptor, bool is_soc
       line[length] = 0;
       length = 0;
       if (too_long) {
-        snprintf(answer, sizeof answer, "error: the line is longer than %d bytes\n", LIVE_LINE - 2);
+        char refusal[64];
+        snprintf(refusal, sizeof refusal, "error: the line is longer than %d bytes", LIVE_LINE - 2);
+        live_control_tell(control, refusal);
         too_long = false;
-      } else if (line[0] == 0) {
-        continue;
-      } else if (!exchange(control, line, answer)) {
+      } else if (line[0] != 0 && !exchange(control, line)) {
         return;
       }
-      reply(descriptor, is_socket, answer);
     }
   }
+}
+
+static void set_client(struct live_control *control, int client) {
+  (void)pthread_mutex_lock(&control->mutex);
+  control->client = client;
+  (void)pthread_mutex_unlock(&control->mutex);
 }
 
 static void *read_control(void *user) {
   struct live_control *control = user;
   if (control->listening < 0) {
-    read_lines(control, STDIN_FILENO, false);
+    read_lines(control, STDIN_FILENO);
     return NULL;
   }
   while (await_input(control, control->listening)) {
     const int client = accept(control->listening, NULL, NULL);
     if (client < 0) continue;
-    read_lines(control, client, true);
+    set_client(control, client);
+    read_lines(control, client);
+    set_client(control, -1);
     (void)close(client);
   }
   return NULL;
@@ -101,33 +109,52 @@ static void *read_control(void *user) {
 
 /* ---- the others -------------------------------------------------------------------------------------------------- */
 
+/* Removes the socket of a killed process at `name`. Any other file there, also a socket of another type (connect:
+ * EPROTOTYPE) and one whose owner does not answer, is refused. */
+static int remove_stale(const struct live_control *control, const struct sockaddr_un *name) {
+  struct session *session = control->session;
+  struct stat there;
+  if (lstat(control->path, &there) != 0) return 0;
+  if (!S_ISSOCK(there.st_mode))
+    return session_fail_with(session, "--control %s: is there already and is no socket, expected a new name",
+                             control->path);
+  const int probe = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
+  if (probe < 0) return session_fail_with(session, "--control: %s", strerror(errno));
+  const bool answers = connect(probe, (const struct sockaddr *)name, sizeof *name) == 0;
+  const int error = answers ? 0 : errno;
+  (void)close(probe);
+  if (answers || error == EAGAIN)
+    return session_fail_with(session, "--control %s: another program listens there", control->path);
+  if (error != ECONNREFUSED)
+    return session_fail_with(session,
+                             "--control %s: a socket that this program did not make is there (%s), expected "
+                             "a new name",
+                             control->path, strerror(error));
+  if (unlink(control->path) != 0 && errno != ENOENT)
+    return session_fail_with(session, "--control %s: a stale socket cannot be removed: %s", control->path,
+                             strerror(errno));
+  return 0;
+}
+
 static int open_socket(struct live_control *control) {
   struct session *session = control->session;
   struct sockaddr_un address = {.sun_family = AF_UNIX};
-  struct stat there;
   if (strlen(control->path) >= sizeof address.sun_path)
     return session_fail_with(session, "--control %s: the name has %zu bytes, expected %zu at most", control->path,
                              strlen(control->path), sizeof address.sun_path - 1);
   memcpy(address.sun_path, control->path, strlen(control->path) + 1);
-  const struct sockaddr *name = (const struct sockaddr *)&address;
+  if (remove_stale(control, &address) != 0) return EXIT_FAILURE;
   control->listening = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0);
   if (control->listening < 0) return session_fail_with(session, "--control: %s", strerror(errno));
-  if (lstat(control->path, &there) == 0) {
-    if (!S_ISSOCK(there.st_mode))
-      return session_fail_with(session, "--control %s: is there already and is no socket, expected a new name",
-                               control->path);
-    if (connect(control->listening, name, sizeof address) == 0)
-      return session_fail_with(session, "--control %s: another program listens there", control->path);
-    (void)unlink(control->path); /* stale socket of a killed process */
-  }
-  if (bind(control->listening, name, sizeof address) != 0 || listen(control->listening, 4) != 0)
+  if (bind(control->listening, (const struct sockaddr *)&address, sizeof address) != 0 ||
+      lstat(control->path, &control->socket) != 0 || listen(control->listening, 4) != 0)
     return session_fail_with(session, "--control %s: %s", control->path, strerror(errno));
   return 0;
 }
 
 int live_control_start(struct live_control *control, struct session *session) {
   control->session = session;
-  control->listening = -1;
+  control->listening = control->client = -1;
   if (control->path == NULL) return 0;
   (void)pthread_mutex_init(&control->mutex, NULL); /* neither fails on Linux */
   (void)pthread_cond_init(&control->moved, NULL);
@@ -150,9 +177,15 @@ const char *live_control_line(struct live_control *control) {
 
 void live_control_answer(struct live_control *control, const char *text) {
   (void)pthread_mutex_lock(&control->mutex);
-  snprintf(control->answer, sizeof control->answer, "%s", text);
+  tell(control, text);
   control->answered = true;
   (void)pthread_cond_broadcast(&control->moved);
+  (void)pthread_mutex_unlock(&control->mutex);
+}
+
+void live_control_tell(struct live_control *control, const char *text) {
+  (void)pthread_mutex_lock(&control->mutex);
+  tell(control, text);
   (void)pthread_mutex_unlock(&control->mutex);
 }
 
@@ -167,11 +200,11 @@ void live_control_stop(struct live_control *control) {
   }
   if (!control->made) return;
   if (control->listening >= 0) {
-    struct sockaddr_un bound = {0};
-    socklen_t bytes = sizeof bound;
-    const bool ours = getsockname(control->listening, (struct sockaddr *)&bound, &bytes) == 0 && bound.sun_path[0] != 0;
+    struct stat there;
     (void)close(control->listening);
-    if (ours) (void)unlink(control->path);
+    if (lstat(control->path, &there) == 0 && there.st_ino == control->socket.st_ino &&
+        there.st_dev == control->socket.st_dev && S_ISSOCK(control->socket.st_mode))
+      (void)unlink(control->path);
   }
   (void)pthread_mutex_destroy(&control->mutex);
   (void)pthread_cond_destroy(&control->moved);

@@ -5,6 +5,7 @@
 #define ERN_CLI_LIVE_CONTROL_H
 
 #include <pthread.h>
+#include <sys/stat.h>
 
 #include "session/session.h"
 
@@ -22,17 +23,21 @@ struct live_control {
   bool stop;            /* guarded by the mutex, as are the next members */
   bool has_line;        /* `line` waits to be taken, or for its answer */
   bool taken, answered; /* the state of `line` */
-  char line[LIVE_LINE], answer[LIVE_LINE];
-  int listening; /* descriptor of the listening socket; -1: none */
+  char line[LIVE_LINE];
+  int client;         /* descriptor that lines are written to; -1: none */
+  int listening;      /* descriptor of the listening socket; -1: none */
+  struct stat socket; /* its file; all zeros: not made */
 };
 
-/* Creates the socket and starts the thread. A path with another file is refused; a socket on which nobody listens is
- * replaced. Returns 0, or EXIT_FAILURE after a message. */
+/* Creates the socket and starts the thread. A path with another file, or with a socket in use, is refused; a stale
+ * socket is replaced. Returns 0, or EXIT_FAILURE after a message. */
 int live_control_start(struct live_control *control, struct session *session);
 /* The next line, without its newline; NULL: none waits. The caller must answer it before it requests the next one. */
 const char *live_control_line(struct live_control *control);
 /* text: one line, without its newline. */
 void live_control_answer(struct live_control *control, const char *text);
+/* Writes a line that is no answer to the client, if there is one. */
+void live_control_tell(struct live_control *control, const char *text);
 void live_control_stop(struct live_control *control); /* in any state */
 
 #endif

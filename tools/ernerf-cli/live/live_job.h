@@ -58,6 +58,7 @@ struct live_job {
   uint64_t moved; /* frames in which the pose advanced */
   bool held, quits;
   float eye;                                 /* fixed eye value; below 0: the clip's */
+  uint64_t heard;                            /* samples of the frames so far */
   uint64_t frames, drawn, repeated, skipped; /* skipped: frames whose sound was queued for too long */
   struct live_times to_frame;                /* from the arrival of sound until its frame is drawn */
   double began;
@@ -71,6 +72,6 @@ int live_calibration_draw(void *user, ern_renderer *renderer, size_t k, float *r
 /* Executes a line of --control and answers it. */
 void live_command(struct live_job *job, const char *line);
 /* Statistics so far; NULL without memory. */
-json_t *live_statistics(const struct live_job *job);
+json_t *live_statistics(struct live_job *job);
 
 #endif

@@ -126,6 +126,18 @@ static void apply_control(struct live_job *job) {
   free(error);
 }
 
+/* Tells the client which utterances the frame begins or ends with. */
+static void tell_events(struct live_job *job, const ern_live_frame *frame) {
+  static const char *const words[] = {[LIVE_STARTED] = "started", [LIVE_ENDED] = "ended", [LIVE_FAILED] = "failed"};
+  unsigned id = 0;
+  char text[64];
+  job->heard += frame->samples;
+  for (enum live_event event; (event = live_sound_event(&job->sound, job->heard, &id)) != LIVE_NONE;) {
+    snprintf(text, sizeof text, "%s %u", words[event], id);
+    live_control_tell(&job->commands, text);
+  }
+}
+
 /* Samples that the first frame needs, else it would get silence: its own duration or its look-ahead (ern_live_options).
  */
 static unsigned long long first_samples(const struct live_job *job) {
@@ -144,6 +156,7 @@ int live_run(struct live_job *job) {
     apply_control(job);
     if (ern_live_pull(job->live, job->unpaced ? 0.1 : 0, &frame, &ended) != ERN_OK) return session_fail(&job->session);
     if (frame == NULL) continue;
+    if (job->commands.path != NULL) tell_events(job, frame);
     if (job->most_delay > 0 && frame->waiting > job->most_delay + (job->look_ahead + 1) / (double)RATE_CLIP) {
       job->skipped++;
       continue;
@@ -157,16 +170,19 @@ int live_run(struct live_job *job) {
 
 /* ---- figures ----------------------------------------------------------------------------------------------------- */
 
-json_t *live_statistics(const struct live_job *job) {
+json_t *live_statistics(struct live_job *job) {
   const bool controls = !job->unpaced;
+  size_t waiting = 0;
+  const unsigned speaking = live_sound_speaking(&job->sound, &waiting);
   json_t *late = json_pack("{s:f, s:f, s:f}", "p50", live_output_late(&job->output, 0.5), "p99",
                            live_output_late(&job->output, 0.99), "worst", live_output_late(&job->output, 1));
   json_t *to_frame = json_pack("{s:f, s:f, s:f}", "p50", time_of(&job->to_frame, 0.5), "p99",
                                time_of(&job->to_frame, 0.99), "worst", time_of(&job->to_frame, 1));
-  return json_pack("{s:I, s:o, s:I, s:I, s:I, s:I, s:I, s:I, s:o, s:o, s:s, s:o}", "frames", (json_int_t)job->frames,
-                   "seconds", session_number(session_seconds() - job->began), "drawn", (json_int_t)job->drawn,
-                   "repeated", (json_int_t)job->repeated, "skipped", (json_int_t)job->skipped, "written",
-                   (json_int_t)atomic_load(&job->output.written), "left_out",
+  return json_pack("{s:o, s:I, s:I, s:o, s:I, s:I, s:I, s:I, s:I, s:I, s:o, s:o, s:s, s:o}", "speaking",
+                   speaking > 0 ? json_integer((json_int_t)speaking) : json_null(), "queued", (json_int_t)waiting,
+                   "frames", (json_int_t)job->frames, "seconds", session_number(session_seconds() - job->began),
+                   "drawn", (json_int_t)job->drawn, "repeated", (json_int_t)job->repeated, "skipped",
+                   (json_int_t)job->skipped, "written", (json_int_t)atomic_load(&job->output.written), "left_out",
                    (json_int_t)atomic_load(&job->output.left_out), "readers",
                    (json_int_t)atomic_load(&job->output.readers), "sound_to_frame_ms", to_frame, "late_ms", late,
                    "settings_now", controls ? rate_control_name(&job->rate_control) : "as asked", "rate_control",

@@ -44,11 +44,53 @@ static ern_status push(struct live_sound *sound, const float *samples, size_t fr
   return own && status == ERN_E_CANCELLED ? ERN_OK : status;
 }
 
-/* Pushes the whole sound of an input. */
-static ern_status play(struct live_sound *sound, const char *url, bool own) {
+/* ---- marks: where utterances are in the sound -------------------------------------------------------------------- */
+
+/* Waits for a place: an utterance may be shorter than a frame. Not after a cancel. */
+static void add_mark(struct live_sound *sound, struct live_mark mark) {
+  while (!sound->stop && !sound->skip && sound->mark_count == LIVE_UTTERANCES)
+    (void)pthread_cond_wait(&sound->moved, &sound->mutex);
+  if (!sound->stop && !sound->skip) sound->mark[sound->mark_count++] = mark;
+}
+
+static void begin_mark(struct live_sound *sound, unsigned id) {
+  (void)pthread_mutex_lock(&sound->mutex);
+  add_mark(sound, (struct live_mark){.id = id, .begin = ern_live_samples(sound->live), .end = UINT64_MAX});
+  (void)pthread_mutex_unlock(&sound->mutex);
+}
+
+/* An utterance that has no mark gave no sound. */
+static void end_mark(struct live_sound *sound, unsigned id) {
+  struct live_mark *mark = NULL;
+  (void)pthread_mutex_lock(&sound->mutex);
+  for (size_t i = 0; i < sound->mark_count; i++)
+    if (sound->mark[i].id == id) mark = &sound->mark[i];
+  if (mark == NULL)
+    add_mark(sound, (struct live_mark){.id = id, .failed = true});
+  else if (mark->end == UINT64_MAX)
+    mark->end = ern_live_samples(sound->live);
+  (void)pthread_mutex_unlock(&sound->mutex);
+}
+
+/* Only the sound before `at` is heard. */
+static void cut_marks(struct live_sound *sound, uint64_t at) {
+  size_t kept = 0;
+  for (size_t i = 0; i < sound->mark_count; i++) {
+    struct live_mark mark = sound->mark[i];
+    if (mark.begin >= at && !mark.started && !mark.failed) continue;
+    if (mark.end > at) mark.end = at;
+    sound->mark[kept++] = mark;
+  }
+  sound->mark_count = kept;
+}
+
+/* Pushes the whole sound of an input; `utterance`: its ID, 0: the input of the command line. */
+static ern_status play(struct live_sound *sound, const char *url, unsigned utterance) {
+  const bool own = utterance == 0;
   const size_t piece = (size_t)sound->rate * PIECE_MS / 1000;
   ern_sound_reader_options options = ern_sound_reader_options_default();
   ern_sound_reader *reader = NULL;
+  bool begun = false;
   float *samples = malloc(piece * (size_t)sound->channels * sizeof *samples);
   options.rate = sound->rate;
   options.channels = sound->channels;
@@ -60,6 +102,8 @@ static ern_status play(struct live_sound *sound, const char *url, bool own) {
   ern_status status = samples != NULL ? ern_sound_reader_open(sound->context, url, &options, &reader) : ERN_E_NO_MEMORY;
   for (size_t frames = 1; status == ERN_OK && frames > 0;) {
     status = ern_sound_reader_read(reader, samples, piece, &frames);
+    if (status == ERN_OK && frames > 0 && !own && !begun) begin_mark(sound, utterance);
+    begun |= frames > 0;
     if (status == ERN_OK && frames > 0) status = push(sound, samples, frames, own);
     atomic_fetch_add(&sound->samples_pushed, status == ERN_OK ? frames : 0);
   }
@@ -70,7 +114,7 @@ static ern_status play(struct live_sound *sound, const char *url, bool own) {
 }
 
 /* Lets espeak-ng synthesise a sound file from a text, and plays it. */
-static void speak(struct live_sound *sound, const char *text) {
+static void speak(struct live_sound *sound, const char *text, unsigned id) {
   char program[] = "espeak-ng", voice_option[] = "-v", file_option[] = "-w", end[] = "--";
   const char *folder = getenv("TMPDIR");
   char path[4096];
@@ -100,7 +144,7 @@ static void speak(struct live_sound *sound, const char *text) {
     if (error != 0 || waitpid(child, &state, 0) != child) state = -1;
   }
   if (state == 0)
-    (void)play(sound, path, false);
+    (void)play(sound, path, id);
   else if (error == ENOENT)
     remember(sound, "espeak-ng, which makes sound of a text, is not installed (apt install espeak-ng)");
   else
@@ -111,18 +155,18 @@ static void speak(struct live_sound *sound, const char *text) {
   free(words);
 }
 
-/* Waits for the next utterance of the queue. NULL: the program ends. */
-static char *await_utterance(struct live_sound *sound) {
-  char *utterance = NULL;
+/* Waits for the next utterance of the queue, whose text the caller frees. Text NULL: the program ends. */
+static struct live_utterance await_utterance(struct live_sound *sound) {
+  struct live_utterance next = {0};
   (void)pthread_mutex_lock(&sound->mutex);
   while (!sound->stop && sound->utterance_count == 0) (void)pthread_cond_wait(&sound->moved, &sound->mutex);
   sound->skip = false;
   if (!sound->stop) {
-    utterance = sound->utterance[0];
+    next = sound->utterance[0];
     memmove(sound->utterance, sound->utterance + 1, --sound->utterance_count * sizeof *sound->utterance);
   }
   (void)pthread_mutex_unlock(&sound->mutex);
-  return utterance;
+  return next;
 }
 
 static void end(struct live_sound *sound) {
@@ -132,17 +176,21 @@ static void end(struct live_sound *sound) {
 static void *read_sound(void *user) {
   struct live_sound *sound = user;
   if (sound->url != NULL) {
-    const ern_status status = play(sound, sound->url, true);
+    const ern_status status = play(sound, sound->url, 0);
     if (status != ERN_OK && status != ERN_E_CANCELLED) atomic_store(&sound->failed, true);
     if (!sound->keeps_running)
       end(sound); /* before `input_ended` is set: after that, a frame without sound gets silence */
     atomic_store(&sound->input_ended, true);
   }
-  for (char *utterance = NULL; sound->keeps_running && (utterance = await_utterance(sound)) != NULL; free(utterance)) {
-    if (utterance[0] == 't')
-      speak(sound, utterance + 1);
+  while (sound->keeps_running) {
+    const struct live_utterance next = await_utterance(sound);
+    if (next.text == NULL) break;
+    if (next.speaks)
+      speak(sound, next.text, next.id);
     else
-      (void)play(sound, utterance + 1, false);
+      (void)play(sound, next.text, next.id);
+    end_mark(sound, next.id);
+    free(next.text);
   }
   end(sound);
   return NULL;
@@ -174,23 +222,53 @@ void live_sound_await(const struct live_sound *sound, unsigned long long samples
     (void)nanosleep(&pause, NULL);
 }
 
-bool live_sound_say(struct live_sound *sound, bool speaks, const char *text) {
-  const size_t bytes = strlen(text) + 2;
-  char *utterance = malloc(bytes);
+unsigned live_sound_say(struct live_sound *sound, bool speaks, const char *text) {
+  struct live_utterance next = {.speaks = speaks, .text = strdup(text)};
   (void)pthread_mutex_lock(&sound->mutex);
-  const bool has_place = utterance != NULL && sound->utterance_count < LIVE_UTTERANCES;
-  if (has_place) {
-    snprintf(utterance, bytes, "%c%s", speaks ? 't' : 'f', text);
-    sound->utterance[sound->utterance_count++] = utterance;
+  if (next.text != NULL && sound->utterance_count < LIVE_UTTERANCES) {
+    next.id = ++sound->last_id;
+    sound->utterance[sound->utterance_count++] = next;
   }
   (void)pthread_cond_broadcast(&sound->moved);
   (void)pthread_mutex_unlock(&sound->mutex);
-  if (!has_place) free(utterance);
-  return has_place;
+  if (next.id == 0) free(next.text);
+  return next.id;
+}
+
+enum live_event live_sound_event(struct live_sound *sound, uint64_t heard, unsigned *id) {
+  enum live_event event = LIVE_NONE;
+  (void)pthread_mutex_lock(&sound->mutex);
+  struct live_mark *mark = sound->mark;
+  if (sound->mark_count > 0) {
+    *id = mark->id;
+    if (mark->failed)
+      event = LIVE_FAILED;
+    else if (mark->started && heard >= mark->end)
+      event = LIVE_ENDED;
+    else if (!mark->started && heard > mark->begin)
+      event = LIVE_STARTED;
+    mark->started |= event == LIVE_STARTED;
+  }
+  if (event == LIVE_FAILED || event == LIVE_ENDED) {
+    memmove(mark, mark + 1, --sound->mark_count * sizeof *mark);
+    (void)pthread_cond_broadcast(&sound->moved);
+  }
+  (void)pthread_mutex_unlock(&sound->mutex);
+  return event;
+}
+
+unsigned live_sound_speaking(struct live_sound *sound, size_t *waiting) {
+  *waiting = 0;
+  if (!sound->made) return 0;
+  (void)pthread_mutex_lock(&sound->mutex);
+  const unsigned id = sound->mark_count > 0 && sound->mark[0].started ? sound->mark[0].id : 0;
+  *waiting = sound->utterance_count;
+  (void)pthread_mutex_unlock(&sound->mutex);
+  return id;
 }
 
 static void clear_utterances(struct live_sound *sound) {
-  for (size_t i = 0; i < sound->utterance_count; i++) free(sound->utterance[i]);
+  for (size_t i = 0; i < sound->utterance_count; i++) free(sound->utterance[i].text);
   sound->utterance_count = 0;
 }
 
@@ -198,8 +276,12 @@ void live_sound_cancel(struct live_sound *sound) {
   (void)pthread_mutex_lock(&sound->mutex);
   clear_utterances(sound);
   sound->skip = sound->url == NULL || atomic_load(&sound->input_ended); /* an input of the command line continues */
+  (void)pthread_cond_broadcast(&sound->moved);
   (void)pthread_mutex_unlock(&sound->mutex);
   if (ern_live_cancel(sound->live) != ERN_OK) remember_error(sound);
+  (void)pthread_mutex_lock(&sound->mutex);
+  cut_marks(sound, ern_live_samples(sound->live));
+  (void)pthread_mutex_unlock(&sound->mutex);
 }
 
 char *live_sound_take_error(struct live_sound *sound) {
@@ -222,6 +304,7 @@ void live_sound_stop(struct live_sound *sound) {
   }
   if (!sound->made) return;
   clear_utterances(sound);
+  sound->mark_count = 0;
   free(sound->error);
   sound->error = NULL;
   (void)pthread_mutex_destroy(&sound->mutex);

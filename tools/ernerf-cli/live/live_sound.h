@@ -12,6 +12,23 @@
 
 enum { LIVE_UTTERANCES = 32 };
 
+/* A file to play or a text to say. */
+struct live_utterance {
+  unsigned id; /* 1 and up */
+  bool speaks; /* a text */
+  char *text;  /* or the path of the file; NULL: none */
+};
+
+/* An utterance that was pushed, or is being pushed: its place in the sound of the frames, in samples. */
+struct live_mark {
+  unsigned id;
+  uint64_t begin, end; /* end UINT64_MAX: not known yet */
+  bool started;        /* reported */
+  bool failed;         /* it gave no sound */
+};
+
+enum live_event { LIVE_NONE, LIVE_STARTED, LIVE_ENDED, LIVE_FAILED };
+
 struct live_sound {
   /* from the command line */
   const char *url, *format; /* url NULL: no input; format NULL: detected */
@@ -27,9 +44,12 @@ struct live_sound {
   pthread_mutex_t mutex;
   pthread_cond_t moved;
   bool running, made;
-  bool stop, skip;                  /* end the program; end the current item. Guarded by the mutex */
-  char *utterance[LIVE_UTTERANCES]; /* files to play ("f...") and texts to say ("t..."), the oldest first */
+  bool stop, skip;                                  /* end the program; end the current item. Guarded by the mutex */
+  struct live_utterance utterance[LIVE_UTTERANCES]; /* those that wait, the oldest first */
   size_t utterance_count;
+  unsigned last_id;
+  struct live_mark mark[LIVE_UTTERANCES]; /* of utterances that are not heard to their end, the oldest first */
+  size_t mark_count;
   char *error;                  /* message of the last input that failed; guarded by the mutex */
   atomic_bool failed;           /* the input of the command line failed */
   atomic_bool input_ended;      /* the input of the command line has been played */
@@ -42,10 +62,14 @@ int live_sound_start(struct live_sound *sound, struct session *session, ern_live
 /* If the input of the command line is a regular file, waits until so many samples have been pushed, it has ended, or a
  * signal came. For any other input returns at once. */
 void live_sound_await(const struct live_sound *sound, unsigned long long samples);
-/* Appends a file, or a text (speaks), to the queue; false if the queue is full. */
-bool live_sound_say(struct live_sound *sound, bool speaks, const char *text);
+/* Appends a file, or a text (speaks), to the queue; its ID, 0 if the queue is full. */
+unsigned live_sound_say(struct live_sound *sound, bool speaks, const char *text);
 /* Cancels the current utterance and clears the queue; an input of the command line continues. */
 void live_sound_cancel(struct live_sound *sound);
+/* What the frames, which have `heard` samples so far, have reached since the last call; *id: of which utterance. */
+enum live_event live_sound_event(struct live_sound *sound, uint64_t heard, unsigned *id);
+/* The utterance that is heard, 0: none; *waiting: number of those in the queue. */
+unsigned live_sound_speaking(struct live_sound *sound, size_t *waiting);
 /* Takes the last error message; NULL: none. The caller frees it. */
 char *live_sound_take_error(struct live_sound *sound);
 void live_sound_stop(struct live_sound *sound); /* in any state */

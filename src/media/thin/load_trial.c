@@ -1,0 +1,78 @@
+/* SPDX-License-Identifier: MIT */
+#include "media/thin/load_trial.h"
+
+#include <dirent.h>
+#include <dlfcn.h>
+#include <errno.h>
+#include <fcntl.h>
+#include <pthread.h>
+#include <signal.h>
+#include <sys/resource.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+/* libernerf-media-impl starts 4, those of log4cplus (measured on two cores); OpenBLAS may start one a core. */
+enum { THREADS = 8 };
+
+static bool is_limited(int resource) {
+  struct rlimit limit;
+  return getrlimit(resource, &limit) == 0 && limit.rlim_cur != RLIM_INFINITY;
+}
+
+static void *hold(void *user) {
+  pthread_mutex_t *mutex = user;
+  (void)pthread_mutex_lock(mutex);
+  (void)pthread_mutex_unlock(mutex);
+  return NULL;
+}
+
+/* Whether so many threads can run at a time. */
+static bool has_threads(void) {
+  pthread_mutex_t mutex = PTHREAD_MUTEX_INITIALIZER;
+  pthread_t thread[THREADS];
+  int made = 0;
+  (void)pthread_mutex_lock(&mutex);
+  while (made < THREADS && pthread_create(&thread[made], NULL, hold, &mutex) == 0) made++;
+  (void)pthread_mutex_unlock(&mutex);
+  for (int i = 0; i < made; i++) (void)pthread_join(thread[i], NULL);
+  return made == THREADS;
+}
+
+/* Address space of the other threads of the process: glibc's fork gives their stacks (8 MiB) and heaps (64 MiB) to the
+ * threads of the child, which so needs less than the process will. */
+static rlim_t bytes_of_threads(void) {
+  DIR *threads = opendir("/proc/self/task");
+  rlim_t count = 0;
+  for (const struct dirent *entry = threads != NULL ? readdir(threads) : NULL; entry != NULL; entry = readdir(threads))
+    count += entry->d_name[0] != '.';
+  if (threads != NULL) (void)closedir(threads);
+  return count > 1 ? (count - 1) * 72 * 1024 * 1024 : 0;
+}
+
+/* The child: only glibc's fork allows dlopen after it in a process with threads. */
+static void load(const char *file, rlim_t reserve) {
+  const struct rlimit no_core = {0, 0};
+  struct rlimit limit;
+  const int silence = open("/dev/null", O_WRONLY);
+  (void)setrlimit(RLIMIT_CORE, &no_core);
+  if (getrlimit(RLIMIT_AS, &limit) == 0 && limit.rlim_cur != RLIM_INFINITY) {
+    limit.rlim_cur -= reserve < limit.rlim_cur ? reserve : limit.rlim_cur;
+    (void)setrlimit(RLIMIT_AS, &limit);
+  }
+  (void)signal(SIGABRT, SIG_DFL);
+  if (silence >= 0) (void)dup2(silence, STDERR_FILENO);
+  _exit(dlopen(file, RTLD_LAZY | RTLD_LOCAL) != NULL ? 0 : 1); /* the forked child alone */
+}
+
+bool ern_load_trial(const char *file) {
+  int status = 0;
+  if (!is_limited(RLIMIT_AS) && !is_limited(RLIMIT_DATA) && has_threads()) return true;
+  const rlim_t reserve = bytes_of_threads();
+  const pid_t child = fork();
+  if (child == 0) load(file, reserve);
+  if (child < 0) return false;
+  while (waitpid(child, &status, 0) < 0)
+    if (errno != EINTR) return true; /* the program has collected the child: not known */
+  /* a refusal by dlopen (1) is left to the caller's dlopen, which says why, unless the child had less memory */
+  return WIFEXITED(status) && (WEXITSTATUS(status) == 0 || reserve == 0);
+}
