@@ -275,25 +275,35 @@ ERN_API void ern_watermark_detector_free(ern_watermark_detector **detector);
 
 /* ---- dubbing ----------------------------------------------------------------------------------------------------- */
 
-/* A recorded frame and what is known of the head in it. Plain data, may grow. */
+/* A recorded frame, what is known of the head in it, and a rendered head. Plain data, may grow. */
 typedef struct ern_dub_input {
   const uint8_t *recorded; /* [height][width][3] RGB */
   int width, height;       /* pixels, 1..ERN_IMAGE_MAX_SIDE */
   int square[4];           /* x, y, width, height: where the clip's square is in the frame, pixels, within the frame */
   float landmarks[68][2];  /* of the recorded face, x right, y down, in shares of the square (0..1); order of 300-W */
-  const uint8_t *head;     /* [head_side][head_side][4] RGBA, alpha not premultiplied: the rendered head in the square;
-                              the alpha is the head's alone (ern_frame_output.opacity) */
-  int head_side;           /* pixels, 1..ERN_IMAGE_MAX_SIDE */
   const ern_image *recorded_head; /* one channel, of the square: 255 where the recorded head is (ern_clip_head); NULL:
                                      not known, all of the square may be drawn on */
+  int box[4]; /* x, y, width, height: the part of the frame that the head is rendered for (ern_dub_box), pixels */
+  const uint8_t *head; /* [head_height][head_width][4] RGBA, alpha not premultiplied: the rendered head from the corner
+                          of `box` on. The alpha is the head's alone (ern_frame_output.opacity) */
+  int head_width, head_height; /* pixels, 1..ERN_IMAGE_MAX_SIDE */
+  float head_scale[2];         /* pixels of `head` a pixel of the frame, across and down; above 0 */
 } ern_dub_input;
+
+/* box: x, y, width, height of the part of the frame that a dubbed frame can differ in, pixels; width and height are 0
+ * where there is none: the lower face is not within the square, or the face has less than 16 pixels. Reads width,
+ * height, square and landmarks. Any number of threads. ERN_E_NONFINITE: a landmark is not finite. */
+ERN_API ERN_NODISCARD ern_status ern_dub_box_sized(ern_context *context, const ern_dub_input *input, size_t bytes,
+                                                   int box[4]);
+static inline ERN_NODISCARD ern_status ern_dub_box(ern_context *context, const ern_dub_input *input, int box[4]) {
+  return ern_dub_box_sized(context, input, sizeof *input, box);
+}
 
 /* The recorded frame with the rendered lower face in it: the mouth, and the skin from the nose to inside the jaw
  * (docs/dub.md). Skin colours come from well inside the rendered head and are continued to the edge of the mask; their
  * low frequencies are matched to the recorded skin around the mask. rgba: [height][width][4], the caller's, alpha 255.
- * *drawn: false where nothing was: the face is smaller than 16 pixels, lies at the edge of the square, or the rendered
- * head covers less than half of the mask; rgba is then the recorded frame. Any number of threads. ERN_E_NONFINITE: a
- * landmark is not finite. */
+ * *drawn: false where rgba is the recorded frame: `box` is empty (`head` may then be NULL), or the rendered head covers
+ * less than half of the mask. Any number of threads. ERN_E_NONFINITE: as above. */
 ERN_API ERN_NODISCARD ern_status ern_dub_frame_sized(ern_context *context, const ern_dub_input *input, size_t bytes,
                                                      uint8_t *rgba, bool *drawn);
 static inline ERN_NODISCARD ern_status ern_dub_frame(ern_context *context, const ern_dub_input *input, uint8_t *rgba,

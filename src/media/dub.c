@@ -3,31 +3,64 @@
 #include "media/dub.h"
 
 #include <math.h>
+#include <string.h>
 
 #include "core/sized.h"
 
-static ern_status check(ern_context *context, const ern_dub_input *in) {
+/* The frame, the square and the landmarks. */
+static ern_status check_face(ern_context *context, const ern_dub_input *in) {
   const int *square = in->square;
   if (in->width < 1 || in->height < 1 || in->width > ERN_IMAGE_MAX_SIDE || in->height > ERN_IMAGE_MAX_SIDE)
     return ern_fail(context, ERN_E_SHAPE, "dub: the frame has %d x %d pixels, expected 1 to %d a side", in->width,
                     in->height, ERN_IMAGE_MAX_SIDE);
-  if (in->head_side < 1 || in->head_side > ERN_IMAGE_MAX_SIDE)
-    return ern_fail(context, ERN_E_SHAPE, "dub: the head has %d pixels a side, expected 1 to %d", in->head_side,
-                    ERN_IMAGE_MAX_SIDE);
-  if (square[0] < 0 || square[1] < 0 || square[2] < 1 || square[3] < 1 || square[2] > in->width - square[0] ||
-      square[3] > in->height - square[1])
+  if (!ern_dub_within(square, (const int[4]){0, 0, in->width, in->height}) || square[2] < 1 || square[3] < 1)
     return ern_fail(context, ERN_E_SHAPE,
                     "dub: the square is at %d, %d with %d x %d pixels, expected one within the frame of %d x %d",
                     square[0], square[1], square[2], square[3], in->width, in->height);
-  if (in->recorded_head != NULL && (in->recorded_head->data == NULL || in->recorded_head->channels != 1 ||
-                                    in->recorded_head->width < 1 || in->recorded_head->height < 1))
-    return ern_fail(context, ERN_E_SHAPE, "dub: recorded_head has %d channels, expected a picture with one",
-                    in->recorded_head->channels);
-  for (int i = 0; i < 68; i++) {
-    if (isfinite(in->landmarks[i][0]) && isfinite(in->landmarks[i][1])) continue;
-    return ern_fail(context, ERN_E_NONFINITE, "dub: landmark %d is not finite", i);
-  }
+  for (int i = 0; i < 68; i++)
+    if (!isfinite(in->landmarks[i][0]) || !isfinite(in->landmarks[i][1]))
+      return ern_fail(context, ERN_E_NONFINITE, "dub: landmark %d is not finite", i);
   return ERN_OK;
+}
+
+static ern_status check_pictures(ern_context *context, const ern_dub_input *in) {
+  const ern_image *there = in->recorded_head;
+  if (!ern_dub_within(in->box, in->square))
+    return ern_fail(context, ERN_E_SHAPE,
+                    "dub: the box is at %d, %d with %d x %d pixels, expected the one of ern_dub_box, in the square",
+                    in->box[0], in->box[1], in->box[2], in->box[3]);
+  if (in->head_width < 1 || in->head_height < 1 || in->head_width > ERN_IMAGE_MAX_SIDE ||
+      in->head_height > ERN_IMAGE_MAX_SIDE)
+    return ern_fail(context, ERN_E_SHAPE, "dub: the head has %d x %d pixels, expected 1 to %d a side", in->head_width,
+                    in->head_height, ERN_IMAGE_MAX_SIDE);
+  for (int c = 0; c < 2; c++)
+    if (!(in->head_scale[c] > 1e-3F) || !(in->head_scale[c] < 1e3F))
+      return ern_fail(context, ERN_E_ARGUMENT, "dub: head_scale[%d] is %g, expected 0.001 to 1000", c,
+                      (double)in->head_scale[c]);
+  if (there != NULL && (there->data == NULL || there->channels != 1 || there->width < 1 || there->height < 1))
+    return ern_fail(context, ERN_E_SHAPE, "dub: recorded_head has %d channels, expected a picture with one",
+                    there->channels);
+  return ERN_OK;
+}
+
+bool ern_dub_within(const int inner[4], const int outer[4]) {
+  for (int c = 0; c < 2; c++) {
+    const int from = inner[c] - outer[c];
+    if (inner[c] < outer[c] || inner[c + 2] < 0 || from > outer[c + 2] || inner[c + 2] > outer[c + 2] - from)
+      return false;
+  }
+  return true;
+}
+
+ern_status ern_dub_box_sized(ern_context *context, const ern_dub_input *input, size_t bytes, int box[4]) {
+  ern_dub_input own = {0};
+  if (box != NULL) memset(box, 0, 4 * sizeof *box);
+  if (context == NULL) return ERN_E_ARGUMENT;
+  ERN_NEED(context, input);
+  ERN_NEED(context, box);
+  ern_status status = ERN_COPY_IN(context, ern_dub_input, &own, input, bytes);
+  if (status == ERN_OK) status = check_face(context, &own);
+  return status == ERN_OK ? ern_dub_find_box(context, &own, box) : status;
 }
 
 ern_status ern_dub_frame_sized(ern_context *context, const ern_dub_input *input, size_t bytes, uint8_t *rgba,
@@ -42,13 +75,18 @@ ern_status ern_dub_frame_sized(ern_context *context, const ern_dub_input *input,
   if (status != ERN_OK) return status;
   const uint8_t *recorded = own.recorded, *head = own.head;
   ERN_NEED(context, recorded);
-  ERN_NEED(context, head);
-  status = check(context, &own);
+  status = check_face(context, &own);
   if (status != ERN_OK) return status;
+  const bool empty = own.box[2] == 0 || own.box[3] == 0;
+  if (!empty) {
+    ERN_NEED(context, head);
+    status = check_pictures(context, &own);
+    if (status != ERN_OK) return status;
+  }
   const size_t pixels = (size_t)own.width * (size_t)own.height;
   for (size_t i = 0; i < pixels; i++) {
     for (size_t c = 0; c < 3; c++) rgba[4 * i + c] = recorded[3 * i + c];
     rgba[4 * i + 3] = 255;
   }
-  return ern_dub_compose(context, &own, rgba, drawn);
+  return empty ? ERN_OK : ern_dub_compose(context, &own, rgba, drawn);
 }

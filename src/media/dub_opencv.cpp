@@ -18,7 +18,7 @@ constexpr float least_face = 16;             /* pixels */
 constexpr float mouth_growth = 1.45F;        /* so that no recorded lips or teeth are beside the rendered ones */
 constexpr float inside_jaw = 0.04F;          /* the recorded jaw stays: its edge is that of the recorded neck */
 constexpr float feather = 0.03F;             /* standard deviation of the mask's edge */
-constexpr float margin = 0.35F;              /* of the region that is looked at, round the lower face */
+constexpr float margin = 0.15F;              /* of the box, round the lower face: the mask's edge ends within it */
 constexpr float match_deviation = 0.15F;     /* of the low-pass that colours are matched in */
 constexpr float match_most = 15;             /* grey levels */
 constexpr float sure_opacity = 0.95F;        /* of the rendered head: its edge carries a light rim */
@@ -27,7 +27,7 @@ constexpr int ring_low = 8, ring_high = 153; /* of 255: where the mask is an edg
 
 enum { JAW_RIGHT = 2, JAW_LEFT = 14, NOSE = 29, LIPS = 48, LIPS_END = 60 };
 
-/* The part of the frame that is looked at, and the face in it. */
+/* The box in the frame, and the face in it. */
 struct face {
   cv::Rect box;                       /* pixels of the frame */
   std::vector<cv::Point2f> landmarks; /* pixels of the box */
@@ -55,26 +55,39 @@ cv::Mat low_pass(const cv::Mat &picture, float deviation) {
   return out;
 }
 
-/* False: the face is too small, or its lower half leaves the square. */
-bool find_face(const ern_dub_input &in, face &found) {
-  const cv::Rect square(in.square[0], in.square[1], in.square[2], in.square[3]);
+cv::Rect rect(const int at[4]) { return cv::Rect(at[0], at[1], at[2], at[3]); }
+
+/* The landmarks in pixels of the frame. */
+std::vector<cv::Point2f> landmarks_of(const ern_dub_input &in) {
+  const cv::Rect square = rect(in.square);
+  const float most = 4.0F * ERN_IMAGE_MAX_SIDE; /* so that sums of pixels do not overflow */
   std::vector<cv::Point2f> at;
   for (const auto &point : in.landmarks)
-    at.emplace_back((float)square.x + point[0] * (float)square.width,
-                    (float)square.y + point[1] * (float)square.height);
-  for (const cv::Point2f &point : at)
-    if (std::abs(point.x) > 4.0F * ERN_IMAGE_MAX_SIDE || std::abs(point.y) > 4.0F * ERN_IMAGE_MAX_SIDE) return false;
-  found.width = (float)cv::norm(at[16] - at[0]);
+    at.emplace_back(std::clamp((float)square.x + point[0] * (float)square.width, -most, most),
+                    std::clamp((float)square.y + point[1] * (float)square.height, -most, most));
+  return at;
+}
+
+float width_of(const std::vector<cv::Point2f> &at) { return (float)cv::norm(at[16] - at[0]); }
+
+/* Empty: the face is too small, or its lower half leaves the square. */
+cv::Rect box_of(const ern_dub_input &in) {
+  const cv::Rect square = rect(in.square);
+  const std::vector<cv::Point2f> at = landmarks_of(in);
   std::vector<cv::Point2f> lower(at.begin() + JAW_RIGHT, at.begin() + JAW_LEFT + 1);
   lower.insert(lower.end(), at.begin() + LIPS, at.begin() + LIPS_END);
   lower.push_back(at[NOSE]);
   const cv::Rect tight = cv::boundingRect(lower);
-  if (found.width < least_face || (tight & square) != tight) return false;
-  const int grow = (int)std::ceil(margin * found.width);
-  found.box = cv::Rect(tight.x - grow, tight.y - grow, tight.width + 2 * grow, tight.height + 2 * grow) & square;
-  for (cv::Point2f &point : at) point -= cv::Point2f((float)found.box.x, (float)found.box.y);
-  found.landmarks = at;
-  return true;
+  if (width_of(at) < least_face || (tight & square) != tight) return cv::Rect();
+  const int grow = (int)std::ceil(margin * width_of(at));
+  return cv::Rect(tight.x - grow, tight.y - grow, tight.width + 2 * grow, tight.height + 2 * grow) & square;
+}
+
+face face_of(const ern_dub_input &in) {
+  face f{rect(in.box), landmarks_of(in), 0};
+  f.width = width_of(f.landmarks);
+  for (cv::Point2f &point : f.landmarks) point -= cv::Point2f((float)f.box.x, (float)f.box.y);
+  return f;
 }
 
 void fill_hull(cv::Mat &mask, const std::vector<cv::Point2f> &points) {
@@ -84,22 +97,25 @@ void fill_hull(cv::Mat &mask, const std::vector<cv::Point2f> &points) {
   cv::fillConvexPoly(mask, hull, cv::Scalar(255));
 }
 
-/* A picture of the square, in the box. */
-cv::Mat cut(const ern_dub_input &in, const face &f, const cv::Mat &picture) {
-  cv::Mat sized = picture;
-  const cv::Size size(in.square[2], in.square[3]);
-  if (picture.size() != size)
-    cv::resize(picture, sized, size, 0, 0, picture.cols > size.width ? cv::INTER_AREA : cv::INTER_LINEAR);
-  return sized(f.box - cv::Point(in.square[0], in.square[1]));
-}
-
 /* 255 where the recorded head is. */
 cv::Mat head_recorded(const ern_dub_input &in, const face &f) {
   if (in.recorded_head == nullptr) return cv::Mat(f.box.size(), CV_8U, cv::Scalar(255));
   const ern_image &head = *in.recorded_head;
   cv::Mat there;
-  cv::threshold(cut(in, f, cv::Mat(head.height, head.width, CV_8U, head.data)), there, 127, 255, cv::THRESH_BINARY);
+  cv::resize(cv::Mat(head.height, head.width, CV_8U, head.data), there, cv::Size(in.square[2], in.square[3]), 0, 0,
+             cv::INTER_LINEAR);
+  cv::threshold(there(f.box - cv::Point(in.square[0], in.square[1])), there, 127, 255, cv::THRESH_BINARY);
   return there;
+}
+
+/* The rendered head in the box: RGBA. */
+cv::Mat head_rendered(const ern_dub_input &in, const face &f) {
+  const cv::Mat head(in.head_height, in.head_width, CV_8UC4, const_cast<uint8_t *>(in.head));
+  const double sx = in.head_scale[0], sy = in.head_scale[1];
+  const cv::Matx23d where(sx, 0, 0.5 * sx - 0.5, 0, sy, 0.5 * sy - 0.5); /* pixels' centres */
+  cv::Mat out;
+  cv::warpAffine(head, out, where, f.box.size(), cv::INTER_CUBIC | cv::WARP_INVERSE_MAP, cv::BORDER_REPLICATE);
+  return out;
 }
 
 /* 0..255: the lower face inside the jaw and the recorded mouth, inside the recorded head, with a soft edge. */
@@ -154,10 +170,9 @@ void match(cv::Mat &colour, const cv::Mat &recorded, const cv::Mat &ring, float 
 }
 
 bool compose(const ern_dub_input &in, uint8_t *rgba) {
-  face f;
-  if (!find_face(in, f)) return false;
+  const face f = face_of(in);
   cv::Mat frame = cv::Mat(in.height, in.width, CV_8UC4, rgba)(f.box), recorded, head, opacity, sure, there, ring;
-  const cv::Mat drawn = cut(in, f, cv::Mat(in.head_side, in.head_side, CV_8UC4, const_cast<uint8_t *>(in.head)));
+  const cv::Mat drawn = head_rendered(in, f);
   const cv::Mat head_there = head_recorded(in, f), mask = mask_of(f, head_there);
   cv::cvtColor(frame, recorded, cv::COLOR_RGBA2RGB);
   cv::cvtColor(drawn, head, cv::COLOR_RGBA2RGB);
@@ -185,17 +200,36 @@ bool compose(const ern_dub_input &in, uint8_t *rgba) {
   return true;
 }
 
+ern_status failed(ern_context *context) {
+  try {
+    throw;
+  } catch (const std::bad_alloc &) {
+    return ern_fail(context, ERN_E_NO_MEMORY, "dub: no memory for a frame");
+  } catch (const std::exception &error) {
+    return ern_fail(context, ERN_E_MEDIA, "dub: OpenCV: %s", error.what());
+  } catch (...) {
+    return ern_fail(context, ERN_E_MEDIA, "dub: OpenCV failed and gave no reason");
+  }
+}
+
 }  // namespace
+
+extern "C" ern_status ern_dub_find_box(ern_context *context, const ern_dub_input *input, int box[4]) {
+  try {
+    const cv::Rect found = box_of(*input);
+    const int at[4] = {found.x, found.y, found.width, found.height};
+    std::copy(at, at + 4, box);
+    return ERN_OK;
+  } catch (...) {
+    return failed(context);
+  }
+}
 
 extern "C" ern_status ern_dub_compose(ern_context *context, const ern_dub_input *input, uint8_t *rgba, bool *drawn) {
   try {
     *drawn = compose(*input, rgba);
     return ERN_OK;
-  } catch (const std::bad_alloc &) {
-    return ern_fail(context, ERN_E_NO_MEMORY, "dub: no memory for a frame of %d x %d", input->width, input->height);
-  } catch (const std::exception &error) {
-    return ern_fail(context, ERN_E_MEDIA, "dub: OpenCV: %s", error.what());
   } catch (...) {
-    return ern_fail(context, ERN_E_MEDIA, "dub: OpenCV failed and gave no reason");
+    return failed(context);
   }
 }

@@ -275,6 +275,18 @@ static void render(ern_context *context, ern_backend *backend, const ern_model *
   UNTOUCHED(about);
 }
 
+/* A frame without a face, which stays as recorded. */
+static void dub(ern_context *context) {
+  static uint8_t recorded[SIDE * SIDE * 3], rgba[SIDE * SIDE * 4];
+  for (size_t i = 0; i < sizeof recorded; i++) recorded[i] = (uint8_t)i;
+  ern_dub_input input = {.recorded = recorded, .width = SIDE, .height = SIDE, .square = {0, 0, SIDE, SIDE}};
+  int box[4];
+  bool drawn = true;
+  NEED(ern_dub_box(context, &input, box));
+  NEED(ern_dub_frame(context, &input, rgba, &drawn));
+  printf("dub %d %d %016" PRIx64 "\n", box[2], drawn, hash(rgba, sizeof rgba));
+}
+
 #ifdef ERN_PREPARE
 /* The video of `render` has no face: one step, which says so. */
 static void prepare(ern_context *context, const char *video, const char *folder) {
@@ -311,6 +323,7 @@ int main(int count, char **words) {
   ern_model_free(&model);
   ern_clip_free(&clip);
   ern_backend_free(&backend);
+  dub(context);
   ern_context_free(&context);
   return 0;
 }

@@ -295,6 +295,31 @@ CHECK(ern_video_reader_free) {
   ern_video_reader_free(&none);
 }
 
+/* ---- dubbing ----------------------------------------------------------------------------------------------------- */
+
+CHECK(ern_dub_box_sized) {
+  const ern_dub_input input = {.width = 128, .height = 128, .square = {0, 0, 64, 64}};
+  int box[4] = {1, 1, 1, 1};
+  REFUSED_ALONE(ern_dub_box(NULL, &input, box));
+  REFUSED(w.context, "input is NULL", ern_dub_box(w.context, NULL, box));
+  REFUSED(w.context, "box is NULL", ern_dub_box(w.context, &input, NULL));
+  support_ok(w.context, ern_dub_box(w.context, &input, box)); /* a face of no width */
+  assert_int_equal(box[2], 0);
+}
+CHECK(ern_dub_frame_sized) {
+  ern_dub_input input = {.width = 64, .height = 64, .square = {0, 0, 64, 64}};
+  bool drawn = true;
+  REFUSED_ALONE(ern_dub_frame(NULL, &input, pixels, &drawn));
+  assert_false(drawn);
+  REFUSED(w.context, "input is NULL", ern_dub_frame(w.context, NULL, pixels, &drawn));
+  REFUSED(w.context, "rgba is NULL", ern_dub_frame(w.context, &input, NULL, &drawn));
+  REFUSED(w.context, "drawn is NULL", ern_dub_frame(w.context, &input, pixels, NULL));
+  REFUSED(w.context, "recorded is NULL", ern_dub_frame(w.context, &input, pixels, &drawn));
+  input.recorded = pixels;
+  input.box[2] = input.box[3] = 8;
+  REFUSED(w.context, "head is NULL", ern_dub_frame(w.context, &input, pixels, &drawn));
+}
+
 /* ---- a watermark ------------------------------------------------------------------------------------------------- */
 
 CHECK(ern_watermark_open) {
@@ -523,6 +548,8 @@ static const struct arguments_check table[] = {ROW(ern_provenance_default),
                                                ROW(ern_video_reader_info_sized),
                                                ROW(ern_video_reader_frame),
                                                ROW(ern_video_reader_free),
+                                               ROW(ern_dub_box_sized),
+                                               ROW(ern_dub_frame_sized),
                                                ROW(ern_watermark_open),
                                                ROW(ern_watermark_put),
                                                ROW(ern_watermark_free),

@@ -42,7 +42,7 @@ static const struct rule rules[] = {
     {"prepare", {"ernerf/*", "core/*", "io/*", "media/speech_network.h"}},
     {"lab", {BELOW_MODEL, "model/*", "render/*", "train/*", "backend_cpu/*", "backend_opencl/*", "ernerf-lab/*"}},
     {"tools",
-     {"ernerf/*", "ernerf-lab/*", "session/*", "evaluation/*", "output/*", "verbs/*", "lab/*", "live/*",
+     {"ernerf/*", "ernerf-lab/*", "session/*", "evaluation/*", "output/*", "verbs/*", "lab/*", "live/*", "dub/*",
       "mpi/mpi_world.h"}},
     {"examples", {"ernerf/*"}},
 };

@@ -1,8 +1,10 @@
 /* SPDX-License-Identifier: MIT
  * ernerf dub: a recorded video in which the person says new words. */
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
+#include "dub/recorded_video.h"
 #include "ernerf/speech.h"
 #include "output/label.h"
 #include "output/progress.h"
@@ -10,7 +12,6 @@
 #include "output/sink.h"
 #include "output/watermark_output.h"
 #include "session/portrait.h"
-#include "session/recorded_video.h"
 #include "session/silence_pose.h"
 #include "verbs.h"
 
@@ -34,7 +35,8 @@ struct dub_job {
   ern_sound sound;
   float *windows, *opacity; /* opacity: [side][side] */
   uint8_t *head;            /* [side][side][4] */
-  int side;                 /* of the rendered head, pixels */
+  int side;                 /* of the whole square, as it would be rendered, pixels */
+  float scale[2];           /* rendered pixels a pixel of the video, across and down */
   size_t left;              /* frames that were left as recorded */
 };
 
@@ -74,7 +76,8 @@ static int check_usage(struct dub_job *job, const struct args *args) {
   if (!ern_speech_is_sound(job->audio))
     return args_refuse(args, "--audio is %s, expected a sound: the output has it", job->audio);
   if (job->out == NULL) return args_refuse(args, "-o OUT is missing");
-  int status = sink_choose(&job->sink, args, job->out);
+  int status = args_forbid(args, "split", "chooses frames of the clip, and a dubbed video has them all");
+  if (status < 0) status = sink_choose(&job->sink, args, job->out);
   if (status < 0 && job->sink.kind != SINK_VIDEO)
     status = args_refuse(args, "-o is %s, expected a video: NAME.mp4, .mov or .mkv", job->out);
   if (status < 0 && !sink_has_sound(&job->sink))
@@ -98,30 +101,37 @@ static int open_features(struct dub_job *job) {
   return job->windows != NULL ? 0 : session_fail_with(session, "no memory for windows of %s", job->audio);
 }
 
+/* That of the video, where a file may have it. */
+static void choose_rate(struct dub_job *job) {
+  job->rate = (struct rate){job->video.info.rate_numerator, job->video.info.rate_denominator};
+  if (rate_value(job->rate) >= 1 && rate_value(job->rate) <= 240) return;
+  session_warn(&job->session, "%s: %d/%d frames a second, expected 1 to 240: the output has %d", job->video_path,
+               job->rate.numerator, job->rate.denominator, RATE_CLIP);
+  job->rate = (struct rate){RATE_CLIP, 1};
+}
+
 /* The frames of the output: poses and eyes of the clip at the video's rate, and the new words. */
-static int open_frames(struct dub_job *job) {
+static int open_frames(struct dub_job *job, const struct args *args) {
   struct session *session = &job->session;
-  const ern_video_info *info = &job->video.info;
   int status = frame_source_of_clip(&job->frame_source, session, job->portrait.clip, FRAME_SOURCE_ALL);
   if (status != 0) return status;
   const double there = (double)job->frame_source.count / RATE_CLIP, words = (double)job->features.windows / RATE_CLIP;
   if (job->features.windows > job->frame_source.count)
     return session_fail_with(session, "%s: the new words last %.2f s, expected at most the %.2f s of %s", job->audio,
                              words, there, job->portrait.source.path);
-  job->rate = (struct rate){info->rate_numerator, info->rate_denominator};
-  if (!(rate_value(job->rate) >= 1) || rate_value(job->rate) > 240) {
-    session_warn(session, "%s: %d/%d frames a second, expected 1 to 240: the output has %d", job->video_path,
-                 job->rate.numerator, job->rate.denominator, RATE_CLIP);
-    job->rate = (struct rate){RATE_CLIP, 1};
-  }
   status = frame_source_replay(&job->frame_source, session, job->features.windows);
-  return status == 0 ? frame_source_resample(&job->frame_source, session, job->rate, &job->features) : status;
+  if (status == 0) status = frame_source_resample(&job->frame_source, session, job->rate, &job->features);
+  return status == 0 ? portrait_cut(&job->portrait, session, args, &job->frame_source, &job->features) : status;
 }
 
-/* The head is rendered in the square's own pixels. */
+/* The head is rendered in the square's own pixels, but in no more than it was trained on: more cost time and show
+ * nothing new. */
 static int open_pictures(struct dub_job *job) {
-  job->side = job->video.square[3];
-  const size_t pixels = (size_t)job->side * (size_t)job->side;
+  const int *square = job->video.square, trained = job->portrait.clip_info.width;
+  job->side = square[3] < trained ? square[3] : trained;
+  job->scale[0] = (float)job->side / (float)square[2];
+  job->scale[1] = (float)job->side / (float)square[3];
+  const size_t pixels = ((size_t)job->side + 1) * ((size_t)job->side + 1); /* a part may be rounded up */
   job->head = malloc(pixels * 4);
   job->opacity = malloc(pixels * sizeof *job->opacity);
   if (job->head == NULL || job->opacity == NULL)
@@ -138,7 +148,8 @@ static int open_all(struct dub_job *job, const struct args *args) {
   if (status == 0) status = provenance_check(&job->provenance, session, job->out);
   if (status == 0) status = recorded_video_open(&job->video, session, job->video_path, portrait->source.path);
   if (status == 0) {
-    portrait->render.frame_rate = (float)job->video.info.rate_numerator / (float)job->video.info.rate_denominator;
+    choose_rate(job);
+    portrait->render.frame_rate = (float)rate_value(job->rate);
     status = portrait_open(portrait, session, args);
   }
   if (status == 0 && !portrait->clip_info.has_landmarks)
@@ -146,7 +157,7 @@ static int open_all(struct dub_job *job, const struct args *args) {
                                portrait->source.path);
   if (status == 0) status = open_features(job);
   if (status == 0) status = silence_pose_open(&job->silence_pose, session, portrait, &job->features);
-  if (status == 0) status = open_frames(job);
+  if (status == 0) status = open_frames(job, args);
   if (status == 0) status = portrait_prune_occupancy(portrait, session, &job->frame_source, &job->features);
   if (status == 0) status = open_pictures(job);
   if (status == 0 && ern_sound_read(session->context, job->audio, &job->sound) != ERN_OK)
@@ -156,33 +167,50 @@ static int open_all(struct dub_job *job, const struct args *args) {
   if (status == 0) status = label_make(&job->label, session, info->width, info->height);
   if (status == 0) status = watermark_make(&job->watermark, session, info->width, info->height);
   if (status != 0) return status;
-  return sink_open(&job->sink, session, info->width, info->height, job->rate, &portrait->info, &job->sound, 0,
-                   provenance_of(&job->provenance));
+  return sink_open(&job->sink, session, info->width, info->height, job->rate, &portrait->info, &job->sound,
+                   frame_source_seconds(&job->frame_source, 0), provenance_of(&job->provenance));
 }
 
 /* ---- drawing ----------------------------------------------------------------------------------------------------- */
 
-static int fail_frame(struct dub_job *job, size_t k) {
-  return session_fail_with(&job->session, "frame %zu: %s", k, ern_last_error(job->session.context));
+/* Seconds of the whole output before frame k. */
+static double seconds_of(const struct dub_job *job, size_t k) {
+  return (double)job->frame_source.source_frame[k].number / rate_value(job->rate);
 }
 
-/* The head of frame k: its colours, and its own opacity as alpha, which a torso of the model has no part in. */
-static ern_status draw_head(struct dub_job *job, size_t k) {
+/* The camera of frame k for the part of the frame in `box`. */
+static ern_camera camera_of(const struct dub_job *job, size_t k, const int box[4]) {
+  const int *square = job->video.square;
+  ern_camera camera =
+      frame_source_camera(&job->frame_source, k, job->portrait.scale, job->side, job->side, ERN_FIT_CONTAIN);
+  camera.cx -= (float)(box[0] - square[0]) * job->scale[0];
+  camera.cy -= (float)(box[1] - square[1]) * job->scale[1];
+  camera.width = (int)ceilf((float)box[2] * job->scale[0]);
+  camera.height = (int)ceilf((float)box[3] * job->scale[1]);
+  camera.frame.left = -(int)lroundf((float)(box[0] - square[0]) * job->scale[0]); /* the whole square, for the torso */
+  camera.frame.top = -(int)lroundf((float)(box[1] - square[1]) * job->scale[1]);
+  camera.frame.right = camera.frame.left + job->side;
+  camera.frame.bottom = camera.frame.top + job->side;
+  return camera;
+}
+
+/* The head of frame k in the box: its colours, and its own opacity as alpha, which a torso of the model has no part
+ * in. */
+static ern_status draw_head(struct dub_job *job, size_t k, const ern_camera *camera) {
   const struct frame_source *frame_source = &job->frame_source;
   float refined[16];
   frame_source_windows(frame_source, k, &job->features, (ern_audio_pad)job->portrait.audio_pad, job->windows);
-  const ern_frame_input input = {
-      .camera = frame_source_camera(frame_source, k, job->portrait.scale, job->side, job->side, ERN_FIT_CONTAIN),
-      .head_pose = portrait_refined(&job->portrait, frame_source, k, refined),
-      .windows = job->windows,
-      .window_length = job->features.window_length,
-      .eye = frame_source->source_frame[k].eye,
-      .individual = ERN_INDIVIDUAL_MEAN,
-      .silence_code = job->silence_pose.code,
-      .silence_weight = silence_pose_weight(&job->silence_pose, frame_source, k)};
+  const ern_frame_input input = {.camera = *camera,
+                                 .head_pose = portrait_refined(&job->portrait, frame_source, k, refined),
+                                 .windows = job->windows,
+                                 .window_length = job->features.window_length,
+                                 .eye = frame_source->source_frame[k].eye,
+                                 .individual = ERN_INDIVIDUAL_MEAN,
+                                 .silence_code = job->silence_pose.code,
+                                 .silence_weight = silence_pose_weight(&job->silence_pose, frame_source, k)};
   const ern_frame_output output = {.rgba = job->head, .opacity = job->opacity};
   const ern_status status = ern_renderer_frame(job->portrait.renderer, &input, &output, NULL);
-  const size_t pixels = (size_t)job->side * (size_t)job->side;
+  const size_t pixels = (size_t)camera->width * (size_t)camera->height;
   for (size_t i = 0; status == ERN_OK && i < pixels; i++)
     job->head[4 * i + 3] = (uint8_t)(255 * job->opacity[i] + 0.5F);
   return status;
@@ -201,42 +229,54 @@ static void place_landmarks(const struct dub_job *job, size_t k, float landmarks
       landmarks[i][c] = (from->landmarks[i][c] + toward * (to->landmarks[i][c] - from->landmarks[i][c])) / size[c];
 }
 
-static int draw(struct dub_job *job, size_t k, const ern_image *recorded) {
+/* Frame k over the recorded picture into rgba. */
+static ern_status compose(struct dub_job *job, size_t k, const ern_image *recorded, uint8_t *rgba) {
   const struct source_frame *frame = &job->frame_source.source_frame[k];
-  ern_frame_output output;
+  ern_context *context = job->session.context;
   ern_image head = {0};
   bool drawn = false;
-  ern_dub_input input = {.recorded = recorded->data,
-                         .width = recorded->width,
-                         .height = recorded->height,
-                         .head = job->head,
-                         .head_side = job->side};
+  ern_dub_input input = {.recorded = recorded->data, .width = recorded->width, .height = recorded->height};
   memcpy(input.square, job->video.square, sizeof input.square);
+  place_landmarks(job, k, input.landmarks);
+  ern_status status = ern_clip_head(job->portrait.clip, frame->split, frame->index, &head);
+  input.recorded_head = head.data != NULL ? &head : NULL;
+  if (status == ERN_OK) status = ern_dub_box(context, &input, input.box);
+  if (status == ERN_OK && input.box[2] > 0) {
+    const ern_camera camera = camera_of(job, k, input.box);
+    status = draw_head(job, k, &camera);
+    input.head = job->head;
+    input.head_width = camera.width;
+    input.head_height = camera.height;
+    memcpy(input.head_scale, job->scale, sizeof input.head_scale);
+  }
+  if (status == ERN_OK) status = ern_dub_frame(context, &input, rgba, &drawn);
+  if (!drawn) job->left++;
+  return status;
+}
+
+static int draw(struct dub_job *job, size_t k, const ern_image *recorded) {
+  ern_frame_output output;
   if (recorded->width != job->video.info.width || recorded->height != job->video.info.height)
     return session_fail_with(&job->session, "%s: a picture has %d x %d pixels, the first one %d x %d", job->video_path,
                              recorded->width, recorded->height, job->video.info.width, job->video.info.height);
-  if (draw_head(job, k) != ERN_OK) return fail_frame(job, k);
-  place_landmarks(job, k, input.landmarks);
-  if (ern_clip_head(job->portrait.clip, frame->split, frame->index, &head) != ERN_OK) return fail_frame(job, k);
-  input.recorded_head = head.data != NULL ? &head : NULL;
   if (sink_next(&job->sink, &job->session, &output) != 0) return EXIT_FAILURE;
-  if (ern_dub_frame(job->session.context, &input, output.rgba, &drawn) != ERN_OK) return fail_frame(job, k);
-  if (!drawn) job->left++;
+  if (compose(job, k, recorded, output.rgba) != ERN_OK)
+    return session_fail_with(&job->session, "frame %zu: %s", k, ern_last_error(job->session.context));
   if (watermark_put(&job->watermark, &job->session, output.rgba) != 0) return EXIT_FAILURE;
-  label_put(&job->label, (double)k / rate_value(job->rate), output.rgba, recorded->width);
-  sink_put(&job->sink, k);
+  label_put(&job->label, seconds_of(job, k), output.rgba, recorded->width);
+  sink_put(&job->sink, job->frame_source.source_frame[k].number);
   return 0;
 }
 
 /* Content of the provenance file: which seconds have a synthetic mouth. */
 static json_t *about_output(const struct dub_job *job, size_t frames) {
-  const char *slash = strrchr(job->out, '/');
+  const char *slash = strrchr(job->out, '/'), *folder = strrchr(job->video_path, '/');
   char rate[RATE_TEXT_BYTES];
   rate_words(job->rate, rate);
   return json_pack("{s:o, s:I, s:s, s:i, s:i, s:b, s:o, s:[[o,o]]}", "output",
                    session_text(slash != NULL ? slash + 1 : job->out), "frames", (json_int_t)frames, "rate", rate,
                    "width", job->video.info.width, "height", job->video.info.height, "sound", 1, "recorded",
-                   session_text(job->video_path), "synthetic_seconds", session_number(0),
+                   session_text(folder != NULL ? folder + 1 : job->video_path), "synthetic_seconds", session_number(0),
                    session_number((double)frames / rate_value(job->rate)));
 }
 
@@ -255,8 +295,7 @@ static int draw_all(struct dub_job *job) {
     const ern_image *recorded = NULL;
     if (session_interrupted())
       return session_stop_with(session, "stopped at frame %zu of %zu, no video was written", k, count);
-    if (recorded_video_frame(&job->video, session, (double)k / rate_value(job->rate), &recorded) != 0)
-      return EXIT_FAILURE;
+    if (recorded_video_frame(&job->video, session, seconds_of(job, k), &recorded) != 0) return EXIT_FAILURE;
     if (recorded == NULL)
       return session_fail_with(session, "%s: ends before frame %zu of %zu", job->video_path, k, count);
     if (draw(job, k, recorded) != 0) return EXIT_FAILURE;
@@ -327,6 +366,7 @@ int cmd_dub(int argc, char **argv) {
   silence_pose_options(&job.silence_pose, silence);
   session_compute_options(&job.session, common);
   session_output_options(&job.session, common + SESSION_COMPUTE_OPTIONS);
+  args_unlist(&args, "split");
   int status = args_parse(&args, argc, argv);
   if (status < 0) status = check_usage(&job, &args);
   if (status < 0) status = speech_model_check(&job.portrait.source.speech_model, &args, job.audio);

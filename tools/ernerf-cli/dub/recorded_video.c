@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT */
-#include "session/recorded_video.h"
+#include "dub/recorded_video.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -111,8 +111,8 @@ int recorded_video_frame(struct recorded_video *video, struct session *session, 
   while (video->has_next && video->next_at <= at)
     if (advance(video, session) != 0) return EXIT_FAILURE;
   const double rate = (double)video->info.rate_numerator / video->info.rate_denominator;
-  /* the last frame is shown as long as one of the guessed rate, or of the clip's */
-  const bool past = !video->has_next && at > video->now_at + fmax(1 / rate, 0.04) + EARLY;
+  /* the last frame is shown as long as one of the guessed rate, and up to the end of the clip's frame that shows it */
+  const bool past = !video->has_next && at > video->now_at + fmax(1 / rate, 0) + 0.04 + EARLY;
   *image = past ? NULL : &video->now;
   return 0;
 }

@@ -1,0 +1,239 @@
+/* SPDX-License-Identifier: MIT
+ * The composite of a dubbed frame on a made-up face: what is drawn, what stays as recorded, and hard inputs. */
+#include "../support.h"
+
+#include <math.h>
+#include <stdbool.h>
+
+#include "core/rng.h"
+#include "ernerf/media.h"
+
+enum { WIDTH = 150, HEIGHT = 190, SQUARE = 120, LEFT = 20, TOP = 30, FACE = 60 };
+
+static ern_context *context;
+static uint8_t recorded[HEIGHT * WIDTH * 3], head[HEIGHT * WIDTH * 4], out[HEIGHT * WIDTH * 4];
+
+/* A face of FACE pixels: an ellipse for the jaw from ear to ear, the nose's tip above the lips. */
+static ern_dub_input face_at(float x, float y, float width) {
+  ern_dub_input in = {.recorded = recorded,
+                      .width = WIDTH,
+                      .height = HEIGHT,
+                      .square = {LEFT, TOP, SQUARE, SQUARE},
+                      .head = head,
+                      .head_scale = {1, 1}};
+  for (int i = 0; i < 68; i++) {
+    const float angle = 3.14159265F * (float)(i < 17 ? i : i % 12) / (i < 17 ? 16.0F : 6.0F);
+    const bool jaw = i < 17, lips = i >= 48;
+    const float wide = jaw ? 0.5F : lips ? 0.16F : 0.05F, tall = jaw ? 0.65F : lips ? 0.07F : 0.02F;
+    const float down = jaw ? 0 : lips ? 0.3F : 0.05F;
+    in.landmarks[i][0] = (x - LEFT - width * wide * cosf(angle)) / SQUARE;
+    in.landmarks[i][1] = (y - TOP + width * (down + tall * sinf(angle))) / SQUARE;
+  }
+  return in;
+}
+
+static void find_box(ern_dub_input *in) {
+  support_ok(context, ern_dub_box(context, in, in->box));
+  in->head_width = in->box[2];
+  in->head_height = in->box[3];
+}
+
+/* The recorded skin has noise and a slope of light; the head has one colour and one opacity. */
+static void paint(const uint8_t colour[3], uint8_t opacity) {
+  for (size_t i = 0; i < (size_t)HEIGHT * WIDTH; i++) {
+    const uint32_t noise = ern_random_at(1, 2, (uint32_t)i, ERN_RNG_INIT).word[0];
+    for (size_t c = 0; c < 3; c++)
+      recorded[3 * i + c] = (uint8_t)(130 + 10 * c + i % WIDTH / 5 + (noise >> (8 * c)) % 4);
+    for (size_t c = 0; c < 3; c++) head[4 * i + c] = colour[c];
+    head[4 * i + 3] = opacity;
+  }
+}
+
+static int difference(size_t i) {
+  int most = 0;
+  for (size_t c = 0; c < 3; c++) most = (int)fmax(most, abs(out[4 * i + c] - recorded[3 * i + c]));
+  assert_int_equal(out[4 * i + 3], 255);
+  return most;
+}
+
+static void test_drawn(void **state) {
+  (void)state;
+  bool drawn = false;
+  ern_dub_input in = face_at(80, 80, FACE);
+  paint((const uint8_t[3]){40, 20, 20}, 255);
+  find_box(&in);
+  assert_true(in.box[2] > FACE / 2 && in.box[3] > FACE / 2);
+  assert_true(in.box[0] >= LEFT && in.box[1] >= TOP && in.box[0] + in.box[2] <= LEFT + SQUARE);
+  support_ok(context, ern_dub_frame(context, &in, out, &drawn));
+  assert_true(drawn);
+  size_t changed = 0;
+  for (size_t i = 0; i < (size_t)HEIGHT * WIDTH; i++) {
+    const int x = (int)(i % WIDTH), y = (int)(i / WIDTH);
+    const bool in_box = x >= in.box[0] && x < in.box[0] + in.box[2] && y >= in.box[1] && y < in.box[1] + in.box[3];
+    if (!in_box) assert_int_equal(difference(i), 0);
+    const double jaw = hypot((x - 80) / (0.5 * FACE), (y - 80) / (0.65 * FACE));
+    if (jaw > 1.15) assert_true(difference(i) <= 1); /* four standard deviations of the mask's edge from its middle */
+    changed += difference(i) > 40;
+  }
+  assert_true(changed > 300);
+  /* the lips' middle has the head's colour, but for the light that is matched, 15 grey levels at most */
+  const size_t lips = (size_t)(80 + 0.3 * FACE) * WIDTH + 80;
+  assert_true(out[4 * lips] >= 40 && out[4 * lips] <= 40 + 16);
+  assert_true(out[4 * lips + 1] >= 20 && out[4 * lips + 1] <= 20 + 16);
+}
+
+/* A head that is darker than the recorded skin by less than is matched is not seen. */
+static void test_matched(void **state) {
+  (void)state;
+  bool drawn = false;
+  ern_dub_input in = face_at(80, 80, FACE);
+  paint((const uint8_t[3]){140, 150, 160}, 255);
+  find_box(&in);
+  support_ok(context, ern_dub_frame(context, &in, out, &drawn));
+  assert_true(drawn);
+  double sum = 0, count = 0;
+  for (size_t i = 0; i < (size_t)HEIGHT * WIDTH; i++) {
+    if (difference(i) == 0) continue;
+    for (size_t c = 0; c < 3; c++) sum += out[4 * i + c] - recorded[3 * i + c];
+    count += 3;
+  }
+  /* 16 / 5 + 1.5 grey levels of slope and noise apart from it before, at the face's middle 16 - 10 + 1.5 = 7.5 */
+  assert_true(count > 0 && fabs(sum / count) < 2.5);
+}
+
+/* A head of another size than the box is scaled: one of half the pixels gives the same but for rounding. */
+static void test_scaled(void **state) {
+  (void)state;
+  static uint8_t whole[HEIGHT * WIDTH * 4];
+  bool drawn = false;
+  ern_dub_input in = face_at(80, 80, FACE);
+  paint((const uint8_t[3]){40, 20, 20}, 255);
+  find_box(&in);
+  support_ok(context, ern_dub_frame(context, &in, out, &drawn));
+  memcpy(whole, out, sizeof whole);
+  in.head_width = (in.box[2] + 1) / 2;
+  in.head_height = (in.box[3] + 1) / 2;
+  in.head_scale[0] = in.head_scale[1] = 0.5F;
+  support_ok(context, ern_dub_frame(context, &in, out, &drawn));
+  assert_true(drawn);
+  for (size_t i = 0; i < sizeof whole; i++) assert_true(abs(out[i] - whole[i]) <= 1);
+}
+
+/* What the recorded head does not cover, such as a hand before the mouth, stays as recorded. */
+static void test_recorded_head(void **state) {
+  (void)state;
+  uint8_t there[32 * 32];
+  bool drawn = false;
+  ern_dub_input in = face_at(80, 80, FACE);
+  const ern_image picture = {.width = 32, .height = 32, .channels = 1, .data = there};
+  in.recorded_head = &picture;
+  paint((const uint8_t[3]){40, 20, 20}, 255);
+  find_box(&in);
+  memset(there, 255, sizeof there);
+  support_ok(context, ern_dub_frame(context, &in, out, &drawn));
+  assert_true(drawn);
+  for (int y = 0; y < 32; y++) memset(there + 32 * y + 16, 0, 16); /* the right half is something else */
+  support_ok(context, ern_dub_frame(context, &in, out, &drawn));
+  assert_true(drawn);
+  for (size_t i = 0; i < (size_t)HEIGHT * WIDTH; i++)
+    if (i % WIDTH > LEFT + SQUARE / 2 + 3) assert_int_equal(difference(i), 0);
+  memset(there, 0, sizeof there);
+  support_ok(context, ern_dub_frame(context, &in, out, &drawn));
+  assert_false(drawn);
+}
+
+static void expect_recorded(const ern_dub_input *in) {
+  bool drawn = true;
+  memset(out, 7, sizeof out);
+  support_ok(context, ern_dub_frame(context, in, out, &drawn));
+  assert_false(drawn);
+  for (size_t i = 0; i < (size_t)HEIGHT * WIDTH; i++) assert_int_equal(difference(i), 0);
+}
+
+static void test_left_as_recorded(void **state) {
+  (void)state;
+  paint((const uint8_t[3]){40, 20, 20}, 255);
+  const float places[][3] = {{80, 80, 10},   {25, 80, FACE},   {80, 148, FACE},
+                             {80, 20, FACE}, {-500, 80, FACE}, {80, 80, 1e30F}};
+  for (size_t i = 0; i < sizeof places / sizeof *places; i++) {
+    ern_dub_input in = face_at(places[i][0], places[i][1], places[i][2]);
+    find_box(&in);
+    assert_int_equal(in.box[2], 0);
+    in.head = NULL;
+    expect_recorded(&in);
+  }
+  ern_dub_input in = face_at(80, 80, FACE);
+  find_box(&in);
+  paint((const uint8_t[3]){40, 20, 20}, 100); /* the head is not there */
+  expect_recorded(&in);
+}
+
+/* Landmarks anywhere: a status, and nothing outside the box. */
+static void test_any_landmarks(void **state) {
+  (void)state;
+  paint((const uint8_t[3]){40, 20, 20}, 255);
+  for (uint64_t run = 0; run < 60; run++) {
+    bool drawn = false;
+    ern_dub_input in = face_at(80, 80, FACE);
+    for (size_t i = 0; i < 68; i++) {
+      for (size_t c = 0; c < 2; c++) {
+        const float u = ern_uniform(ern_random_at(run, 3, (uint32_t)(2 * i + c), ERN_RNG_INIT).word[0]);
+        in.landmarks[i][c] = run < 40 ? u : in.landmarks[i][c] + 0.3F * (u - 0.5F);
+      }
+    }
+    find_box(&in);
+    support_ok(context, ern_dub_frame(context, &in, out, &drawn));
+    for (size_t i = 0; i < (size_t)HEIGHT * WIDTH; i++) {
+      const int x = (int)(i % WIDTH), y = (int)(i / WIDTH);
+      if (x < in.box[0] || x >= in.box[0] + in.box[2] || y < in.box[1] || y >= in.box[1] + in.box[3])
+        assert_int_equal(difference(i), 0);
+    }
+  }
+}
+
+static void test_refused(void **state) {
+  (void)state;
+  bool drawn = true;
+  ern_dub_input in = face_at(80, 80, FACE);
+  in.landmarks[33][1] = NAN;
+  assert_int_equal(ern_dub_box(context, &in, in.box), ERN_E_NONFINITE);
+  assert_non_null(strstr(ern_last_error(context), "landmark 33"));
+  assert_int_equal(ern_dub_frame(context, &in, out, &drawn), ERN_E_NONFINITE);
+  assert_false(drawn);
+  in = face_at(80, 80, FACE);
+  in.square[0] = WIDTH - SQUARE + 1;
+  assert_int_equal(ern_dub_box(context, &in, in.box), ERN_E_SHAPE);
+  in = face_at(80, 80, FACE);
+  find_box(&in);
+  in.box[2] = INT32_MAX;
+  assert_int_equal(ern_dub_frame(context, &in, out, &drawn), ERN_E_SHAPE);
+  find_box(&in);
+  in.head_scale[1] = 0;
+  assert_int_equal(ern_dub_frame(context, &in, out, &drawn), ERN_E_ARGUMENT);
+  in.head_scale[1] = 1;
+  in.head = NULL;
+  assert_int_equal(ern_dub_frame(context, &in, out, &drawn), ERN_E_ARGUMENT);
+}
+
+static int open_context(void **state) {
+  (void)state;
+  context = support_context();
+  return 0;
+}
+
+static int close_context(void **state) {
+  (void)state;
+  ern_context_free(&context);
+  return 0;
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_drawn),
+                                     cmocka_unit_test(test_matched),
+                                     cmocka_unit_test(test_scaled),
+                                     cmocka_unit_test(test_recorded_head),
+                                     cmocka_unit_test(test_left_as_recorded),
+                                     cmocka_unit_test(test_any_landmarks),
+                                     cmocka_unit_test(test_refused)};
+  return cmocka_run_group_tests(tests, open_context, close_context);
+}
