@@ -297,7 +297,7 @@ CHECK(ern_video_reader_free) {
 
 /* ---- dubbing ----------------------------------------------------------------------------------------------------- */
 
-CHECK(ern_dub_box_sized) {
+CHECK(ern_dub_box) {
   const ern_dub_input input = {.width = 128, .height = 128, .square = {0, 0, 64, 64}};
   int box[4] = {1, 1, 1, 1};
   REFUSED_ALONE(ern_dub_box(NULL, &input, box));
@@ -306,7 +306,7 @@ CHECK(ern_dub_box_sized) {
   support_ok(w.context, ern_dub_box(w.context, &input, box)); /* a face of no width */
   assert_int_equal(box[2], 0);
 }
-CHECK(ern_dub_frame_sized) {
+CHECK(ern_dub_frame) {
   ern_dub_input input = {.width = 64, .height = 64, .square = {0, 0, 64, 64}};
   bool drawn = true;
   REFUSED_ALONE(ern_dub_frame(NULL, &input, pixels, &drawn));
@@ -318,6 +318,17 @@ CHECK(ern_dub_frame_sized) {
   input.recorded = pixels;
   input.box[2] = input.box[3] = 8;
   REFUSED(w.context, "head is NULL", ern_dub_frame(w.context, &input, pixels, &drawn));
+}
+CHECK(ern_dub_box_sized) {
+  const ern_dub_input input = {.width = 128, .height = 128, .square = {0, 0, 64, 64}};
+  int box[4];
+  assert_int_equal(ern_dub_box_sized(w.context, &input, sizeof input + 8, box), ERN_E_UNSUPPORTED);
+}
+CHECK(ern_dub_frame_sized) {
+  const ern_dub_input input = {.width = 64, .height = 64, .square = {0, 0, 64, 64}, .recorded = pixels};
+  bool drawn = true;
+  assert_int_equal(ern_dub_frame_sized(w.context, &input, sizeof input + 8, pixels, &drawn), ERN_E_UNSUPPORTED);
+  assert_false(drawn);
 }
 
 /* ---- a watermark ------------------------------------------------------------------------------------------------- */
@@ -548,7 +559,9 @@ static const struct arguments_check table[] = {ROW(ern_provenance_default),
                                                ROW(ern_video_reader_info_sized),
                                                ROW(ern_video_reader_frame),
                                                ROW(ern_video_reader_free),
+                                               ROW(ern_dub_box),
                                                ROW(ern_dub_box_sized),
+                                               ROW(ern_dub_frame),
                                                ROW(ern_dub_frame_sized),
                                                ROW(ern_watermark_open),
                                                ROW(ern_watermark_put),
