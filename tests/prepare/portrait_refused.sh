@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
 # Whose folder tools/portrait takes, and with which options it goes on: what it refuses before any work.
+# With ERNERF_TEST_LONG also each option that changed, links, names and calls that were killed.
 # Usage: portrait_refused.sh ERNERF PORTRAIT FOLDER
 set -euo pipefail
 export ERNERF=$1
@@ -59,6 +60,7 @@ refused made/portrait.safetensors 'did not make it' -- -o made --size 128 --from
 # once a model is begun, all options are those of the first call
 echo 0 > made/portrait.safetensors.clip
 refused made 'made with --minutes 3' '--minutes 10' -- -o made --size 128 --from 0 --au 'a b.csv'
+[ -n "${ERNERF_TEST_LONG-}" ] || { echo "portrait_refused.sh: all is refused"; exit 0; }
 refused made '--focal not given' '--focal 300' -- -o made --size 128 --from 0 --au 'a b.csv' --minutes 3 --focal 300
 refused made '--au a\ b.csv' '--au c.csv' -- -o made --size 128 --from 0 --au c.csv --minutes 3
 refused made '--head-only not given' '--head-only yes' -- -o made --size 128 --from 0 --au 'a b.csv' --minutes 3 --head-only
