@@ -311,7 +311,6 @@ CHECK(ern_dub_box_sized) {
 CHECK(ern_dub_frame) {
   bool drawn = true;
   REFUSED_ALONE(ern_dub_frame(NULL, &faceless, pixels, &drawn));
-  REFUSED(w.context, "input is NULL", ern_dub_frame(w.context, NULL, pixels, &drawn));
   REFUSED(w.context, "rgba is NULL", ern_dub_frame(w.context, &faceless, NULL, &drawn));
   REFUSED(w.context, "drawn is NULL", ern_dub_frame(w.context, &faceless, pixels, NULL));
   REFUSED(w.context, "head is NULL", ern_dub_frame(w.context, &faceless, pixels, &drawn));
