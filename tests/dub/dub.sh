@@ -1,0 +1,29 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: MIT
+# tools/dub from a made-up video to one with new words, and once more with the trained head.
+# Usage: dub.sh ERNERF DUB FOLDER
+set -euo pipefail
+export ERNERF=$1
+dub=$2 folder=$3
+rm -rf "$folder"
+mkdir -p "$folder"
+cd "$folder"
+fail() { echo "dub.sh: $1" >&2; exit 1; }
+"$ERNERF" synth truth --size 256 --frames 75 --seed 3 --video person.mp4 --quiet
+"$ERNERF" synth other --size 64 --frames 50 --seed 4 --quiet
+status=0
+"$dub" person.mp4 none.wav -o new.mp4 2> said.log || status=$?
+[ "$status" = 1 ] && grep -q 'none.wav: there is no such file' said.log || fail "none.wav was taken"
+echo mine > mine.mp4
+status=0
+"$dub" person.mp4 other/aud.wav -o mine.mp4 2> said.log || status=$?
+[ "$status" = 1 ] && [ "$(cat mine.mp4)" = mine ] || fail "mine.mp4 was replaced"
+[ ! -e person ] || fail "work was begun"
+"$dub" person.mp4 other/aud.wav -o new.mp4 --minutes 0.1 --size 128
+[ -s new.mp4 ] && [ -s new.mp4.provenance.json ] || fail "no video"
+[ ! -e person/portrait.head.safetensors ] || fail "a torso was trained"
+model=$(sha256sum < person/portrait.safetensors)
+"$dub" person.mp4 truth/aud.wav -o own.mp4 --minutes 0.1 --size 128
+[ "$model" = "$(sha256sum < person/portrait.safetensors)" ] || fail "the head was trained again"
+! cmp -s new.mp4 own.mp4 || fail "the words are the same"
+echo "dub.sh: passed"
