@@ -72,7 +72,8 @@ bool ern_file_is_temporary(const char *name) {
 ern_status ern_file_check_replaceable(ern_context *context, const char *path) {
   struct stat about;
   if (path[0] == 0) return ern_fail(context, ERN_E_ARGUMENT, "the path of a file to write is empty");
-  if (stat(path, &about) != 0) return ERN_OK;
+  if (stat(path, &about) != 0) /* without an entry of that name there is nothing to replace */
+    return errno == ENOENT ? ERN_OK : ern_fail(context, ERN_E_IO, "%s: cannot write: %s", path, strerror(errno));
   if (!S_ISREG(about.st_mode))
     return ern_fail(context, ERN_E_IO, "%s: is a %s, expected a regular file or nothing", path,
                     S_ISDIR(about.st_mode) ? "folder" : "device or pipe");
