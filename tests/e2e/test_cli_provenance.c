@@ -192,6 +192,10 @@ static void test_label(void **state) {
   /* a private letter, which no font has; "Ä" is in any */
   cli_run(&cli, "render t.safetensors --clip clip --frames 0:2 --label '\xc3\x84\xf4\x8f\xbf\xbd' -o w.mp4");
   cli_expect(&cli, 1, "--label", "U+10FFFD (\xf4\x8f\xbf\xbd)", "fonts-unifont", NULL);
+  cli_run(&cli, "render t.safetensors --clip clip --frames 0:2 --label 'A\nI' -o w.mp4");
+  cli_expect(&cli, 1, "--label: has U+000A", NULL);
+  cli_run(&cli, "render t.safetensors --clip clip --frames 0:2 --label 'A\xd8\xb3' -o w.mp4");
+  cli_expect(&cli, 1, "--label: has U+0633", "from left to right", NULL);
   assert_false(cli_there("w.mp4"));
   cli_run(&cli, "render t.safetensors --clip clip --frames 0:2 --label-time 2s -o w.mp4");
   cli_expect(&cli, 2, "--label-time is about --label", NULL);
