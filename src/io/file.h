@@ -51,11 +51,12 @@ struct ern_file_writer {
   int descriptor;  /* of `temporary`, which it keeps locked */
   int folder;      /* a descriptor of its folder; -1: none */
   bool keep;       /* an existing file is not replaced */
+  bool stays;      /* where it cannot be put in place, the whole file keeps its temporary name; set after opening */
 };
 ERN_NODISCARD ern_status ern_file_writer_open(ern_context *context, const char *path, enum ern_existing existing,
                                               struct ern_file_writer *writer);
 ERN_NODISCARD ern_status ern_file_writer_write(struct ern_file_writer *writer, const void *bytes, size_t count);
-/* Moves the file to `place`. On failure too, closes the writer and removes its temporary file. */
+/* Moves the file to `place`. On failure too, closes the writer; it removes the temporary file unless that `stays`. */
 ERN_NODISCARD ern_status ern_file_writer_commit(struct ern_file_writer *writer);
 /* Removes what was written; harmless on a writer that is closed or zeroed. */
 void ern_file_writer_abandon(struct ern_file_writer *writer);

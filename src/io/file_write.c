@@ -72,7 +72,8 @@ bool ern_file_is_temporary(const char *name) {
 ern_status ern_file_check_replaceable(ern_context *context, const char *path) {
   struct stat about;
   if (path[0] == 0) return ern_fail(context, ERN_E_ARGUMENT, "the path of a file to write is empty");
-  if (stat(path, &about) != 0) return ERN_OK;
+  if (stat(path, &about) != 0) /* without an entry of that name there is nothing to replace */
+    return errno == ENOENT ? ERN_OK : ern_fail(context, ERN_E_IO, "%s: cannot write: %s", path, strerror(errno));
   if (!S_ISREG(about.st_mode))
     return ern_fail(context, ERN_E_IO, "%s: is a %s, expected a regular file or nothing", path,
                     S_ISDIR(about.st_mode) ? "folder" : "device or pipe");
@@ -270,6 +271,18 @@ static ern_status put_in_place(struct ern_file_writer *writer) {
   return rename(from, to) == 0 ? ERN_OK : ern_file_fail(writer->context, writer->path, "put in place");
 }
 
+/* Leaves the file under its temporary name, after an error of put_in_place. It may be gone from its folder, too. */
+static ern_status leave_temporary(struct ern_file_writer *writer, ern_status why) {
+  char reason[PATH_MAX + 256];
+  struct stat opened;
+  if (fstat(writer->descriptor, &opened) != 0 || opened.st_nlink == 0) return why;
+  (void)ern_last_error_copy(writer->context, reason, sizeof reason);
+  close(writer->descriptor);
+  writer->descriptor = -1;
+  return ern_fail(writer->context, why, "%s; it is kept, in the folder where it was written, as %s", reason,
+                  writer->temporary + folder_length(writer->temporary));
+}
+
 /* Removes the mark, and gives the file the owner, group and permissions of the one that it has replaced; where the
  * group cannot be set, it has no permissions. */
 static void finish_mode(int descriptor, const struct stat *replaced) {
@@ -290,7 +303,9 @@ ern_status ern_file_writer_commit(struct ern_file_writer *writer) {
   ERN_TRY(sync_descriptor(writer->context, writer->path, writer->descriptor));
   struct stat before;
   const bool replaces = stat(writer->place, &before) == 0;
-  ERN_TRY(put_in_place(writer));
+  status = put_in_place(writer);
+  if (status != ERN_OK && writer->stays) status = leave_temporary(writer, status);
+  ERN_TRY(status);
   finish_mode(writer->descriptor, replaces ? &before : NULL);
   const int closed = close(writer->descriptor); /* also releases the lock */
   const int number = errno;

@@ -21,7 +21,11 @@
 /* seconds by which the video may end before --to without a warning, as times are rounded */
 #define PART_SHORTER 0.5
 
+/* seconds from a frame to the picture that it shows, from which on it is a repetition; 0.05 at most at 10 a second */
+#define HELD 0.06
+
 enum {
+  FEWEST_HELD = 5,                  /* held frames, and 1 % of all, that are worth a word */
   EVERY = 5,                        /* frames from look to look; a look runs the face detector on a frame */
   FACES = 8,                        /* most faces of a look */
   THUMB = 32,                       /* pixels a side of the thumbnails that find cuts */
@@ -50,9 +54,9 @@ struct scan {
   float most_change;                  /* the largest of the picture or of `place`: a small person changes few pixels */
   float usual;                        /* running mean of the change */
   size_t cut;                         /* first frame after a cut; 0: no cut */
-  size_t frames;
-  double end;    /* time of the video's end in seconds, where the part reaches it; else 0 */
-  size_t before; /* frames searched for a segment, for the progress */
+  size_t frames, held;                /* of the clip; those that no picture is near in time (HELD) */
+  double end;                         /* time of the video's end in seconds, where the part reaches it; else 0 */
+  size_t before;                      /* frames searched for a segment, for the progress */
   bool has_sound;
   struct ern_segment_search *search; /* NULL where no segment is searched for */
   int width, height;
@@ -202,6 +206,7 @@ static ern_status scan_video(struct scan *s) {
     if (image->width != s->width || image->height != s->height)
       ERN_TRY(ern_fail(s->job->context, ERN_E_UNSUPPORTED, "%s: frame %zu is %d x %d, expected %d x %d as the first",
                        s->job->video, s->frames, image->width, image->height, s->width, s->height));
+    s->held += fabs(footage.now_at - footage.first - footage.from - (double)s->frames / ERN_PREPARE_RATE) > HELD;
     compare(s, image);
     if (s->frames % EVERY == 0) ERN_TRY(look(s, image));
     if (s->found == 0 && s->frames >= patience) break;
@@ -454,6 +459,12 @@ static bool check_scan(struct scan *s) {
   if (s->frames < FEW_FRAMES)
     ern_prepare_add_reason(job, ERN_PREPARE_DOUBTFUL, "the part is %.1f s long; to learn the mouth takes 60 s or more",
                            seconds);
+  if (s->held >= FEWEST_HELD && 100 * s->held > s->frames)
+    ern_prepare_add_reason(
+        job, ERN_PREPARE_DOUBTFUL,
+        "for %.1f s of it the video has no pictures of its own, and repeats those around; expected 10 "
+        "frames a second or more, without gaps",
+        (double)s->held / ERN_PREPARE_RATE);
   if (s->end > 0 && s->end + PART_SHORTER < to)
     ern_prepare_add_reason(job, ERN_PREPARE_DOUBTFUL, "the video ends at %.2f s, before --to %g", s->end, to);
   if (4 * s->with_others > s->looks)

@@ -132,6 +132,20 @@ static void test_file_beside(void **state) {
   json_decref(about);
 }
 
+/* A '%' in the name of a video or of its folder is no number of a picture. A name to which the ending of the file
+ * beside the video cannot be added is refused before the video is made. */
+static void test_file_beside_odd_names(void **state) {
+  (void)state;
+  support_clear("100%");
+  assert_int_equal(mkdir("100%", 0777), 0);
+  cli_run(&cli, "render t.safetensors --clip clip --frames 0:1 -o 100%%/%%d.mp4 --quiet");
+  cli_expect(&cli, 0, NULL);
+  assert_true(cli_there("100%/%d.mp4") && cli_there("100%/%d.mp4.provenance.json"));
+  cli_run(&cli, "render t.safetensors --clip clip --frames 0:1 -o 100%%/%0240d.mp4 --quiet", 0);
+  cli_expect(&cli, 1, ".mp4.provenance.json: cannot write: File name too long", NULL);
+  assert_int_equal(cli_count("100%"), 2);
+}
+
 /* The first frame of the raw output of a render; the caller frees it. */
 static uint8_t *first_frame(const char *words, size_t frame) {
   enum { BYTES = 64 * 64 * 4 };
@@ -178,6 +192,10 @@ static void test_label(void **state) {
   /* a private letter, which no font has; "Ä" is in any */
   cli_run(&cli, "render t.safetensors --clip clip --frames 0:2 --label '\xc3\x84\xf4\x8f\xbf\xbd' -o w.mp4");
   cli_expect(&cli, 1, "--label", "U+10FFFD (\xf4\x8f\xbf\xbd)", "fonts-unifont", NULL);
+  cli_run(&cli, "render t.safetensors --clip clip --frames 0:2 --label 'A\nI' -o w.mp4");
+  cli_expect(&cli, 1, "--label: has U+000A", NULL);
+  cli_run(&cli, "render t.safetensors --clip clip --frames 0:2 --label 'A\xd8\xb3' -o w.mp4");
+  cli_expect(&cli, 1, "--label: has U+0633", "from left to right", NULL);
   assert_false(cli_there("w.mp4"));
   cli_run(&cli, "render t.safetensors --clip clip --frames 0:2 --label-time 2s -o w.mp4");
   cli_expect(&cli, 2, "--label-time is about --label", NULL);
@@ -276,9 +294,9 @@ static void test_watermark_refused(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_consent), cmocka_unit_test(test_consent_refused),
-                                     cmocka_unit_test(test_video), cmocka_unit_test(test_file_beside),
-                                     cmocka_unit_test(test_label)};
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test(test_consent),     cmocka_unit_test(test_consent_refused),       cmocka_unit_test(test_video),
+      cmocka_unit_test(test_file_beside), cmocka_unit_test(test_file_beside_odd_names), cmocka_unit_test(test_label)};
   const struct CMUnitTest watermark[] = {cmocka_unit_test(test_watermark), cmocka_unit_test(test_watermark_windows),
                                          cmocka_unit_test(test_watermark_live),
                                          cmocka_unit_test(test_watermark_refused)};

@@ -335,6 +335,10 @@ static void test_kept(void **state) {
   support_expect(keeping, ern_file_check_output(keeping, "d/old"), ERN_E_EXISTS, "d/old", NULL);
   support_ok(keeping, ern_file_check_output(keeping, "d/free"));
   support_expect(keeping, ern_file_check_output(keeping, "d"), ERN_E_IO, "folder", NULL);
+  char name[300] = "d/"; /* 256 bytes after the folder */
+  memset(name + 2, 'a', 256);
+  support_expect(keeping, ern_file_check_output(keeping, name), ERN_E_IO, "too long", NULL);
+  support_expect(keeping, ern_file_check_output(keeping, "d/old/new"), ERN_E_IO, "d/old/new", NULL);
   expect_text("d/old", "old");
   /* one that comes while the new one is being written */
   support_ok(keeping, ern_file_writer_open(keeping, "d/soon", ERN_EXISTING_BY_CONTEXT, &writer));

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * Files of streams whose disk is full and whose process is killed: what was written is there and plays. */
+ * Files of streams whose disk is full, whose process is killed and whose name is taken: what was written is there and
+ * plays. */
 #include <sys/resource.h>
 #include <sys/wait.h>
 
@@ -92,8 +93,34 @@ static void test_a_killed_process_leaves_what_plays(void **state) {
   }
 }
 
+/* A file of the stream's name appears while it is written: both are kept. Where the temporary file was removed, only
+ * the error of that is told. */
+static void test_a_taken_name_keeps_the_recording(void **state) {
+  (void)state;
+  const ern_stream_options options = options_of_stream("nut");
+  ern_context *keeping = NULL;
+  ern_context_config config = ern_context_config_default();
+  config.keep_files = true;
+  assert_int_equal(ern_context_create(&keeping, &config), ERN_OK);
+  for (int removed = 0; removed < 2; removed++) {
+    ern_stream_writer *writer;
+    (void)unlink("taken");
+    support_ok(keeping, ern_stream_writer_open(keeping, "taken", &options, &writer));
+    support_ok(keeping, write_frames(writer));
+    support_write_text("taken", "theirs");
+    if (removed) assert_int_equal(unlink("taken.ernerf-tmp"), 0);
+    support_expect(keeping, ern_stream_writer_close(&writer), removed ? ERN_E_IO : ERN_E_EXISTS,
+                   removed ? "removed or replaced by another process" : "it is kept", "taken.ernerf-tmp", NULL);
+    assert_int_equal(bytes_of("taken"), 6);
+    if (!removed) expect_plays("taken.ernerf-tmp", "nut", FRAMES);
+    assert_int_equal(access("taken.ernerf-tmp", F_OK), removed ? -1 : 0);
+  }
+  ern_context_free(&keeping);
+}
+
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_a_full_disk_keeps_what_was_written),
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_a_taken_name_keeps_the_recording),
+                                     cmocka_unit_test(test_a_full_disk_keeps_what_was_written),
                                      cmocka_unit_test(test_a_killed_process_leaves_what_plays)};
   return cmocka_run_group_tests(tests, set_up, tear_down);
 }

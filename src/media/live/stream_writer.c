@@ -142,6 +142,7 @@ static ern_status open_file(ern_stream_writer *w) {
   ern_status status = ERN_OK;
   char *name = NULL;
   ERN_TRY(ern_file_writer_open(w->context, w->url, ERN_EXISTING_BY_CONTEXT, &w->file));
+  w->file.stays = true; /* what was said live cannot be recorded again */
   ERN_TRY(ern_av_url(w->context, w->file.temporary, &name));
   if (w->muxer.container != NULL) w->muxer.container->url = av_strdup(name); /* faststart reopens it */
   const int error = avio_open(&w->io, name, AVIO_FLAG_WRITE);

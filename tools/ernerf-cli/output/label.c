@@ -59,6 +59,36 @@ fail:
   return family;
 }
 
+/* Characters that cairo's text functions do not lay out: controls, scripts from right to left, and scripts that join or
+ * reorder their letters. */
+static const struct {
+  FcChar32 first, last;
+} unsupported[] = {{0x0, 0x1f},       {0x7f, 0x9f},     {0x590, 0xdff} /* Hebrew, Arabic, Indic */,
+                   {0xf00, 0x109f},   {0x1780, 0x18af}, {0x1a20, 0x1aaf},
+                   {0x1b00, 0x1c7f},  {0x200b, 0x200f}, {0x2028, 0x202e},
+                   {0x2060, 0x206f},  {0xa800, 0xa82f}, {0xa840, 0xa8ff},
+                   {0xa980, 0xa9df},  {0xaa00, 0xaaff}, {0xabc0, 0xabff},
+                   {0xfb1d, 0xfdff},  {0xfe70, 0xfeff}, {0x10800, 0x11fff},
+                   {0x1e800, 0x1efff}};
+
+/* Whether the letters stand side by side in the order of the text; else a message names the first that does not. */
+static bool is_plain(struct session *session, const char *text) {
+  FcChar32 code = 0;
+  for (int left = (int)strlen(text), bytes; left > 0; left -= bytes, text += bytes) {
+    bytes = FcUtf8ToUcs4((const FcChar8 *)text, &code, left);
+    if (bytes <= 0) return true; /* no UTF-8: family_of refuses it */
+    for (size_t i = 0; i < sizeof unsupported / sizeof *unsupported; i++) {
+      if (code < unsupported[i].first || code > unsupported[i].last) continue;
+      session_fail_with(session,
+                        "--label: has U+%04X, expected one line of letters that stand side by side from left to right: "
+                        "controls, and scripts such as Hebrew, Arabic and Devanagari, cannot be drawn",
+                        (unsigned)code);
+      return false;
+    }
+  }
+  return true;
+}
+
 /* Creates a context to draw or measure text; for measuring, a surface of one pixel is enough. */
 static cairo_t *pen(cairo_surface_t *surface, const char *family, double size) {
   cairo_t *cairo = cairo_create(surface);
@@ -169,6 +199,7 @@ static int draw(struct label *label, struct session *session, const char *family
 
 int label_make(struct label *label, struct session *session, int width, int height) {
   if (label->text == NULL) return 0;
+  if (!is_plain(session, label->text)) return EXIT_FAILURE;
   char *family = family_of(label->text);
   int status = EXIT_FAILURE;
   if (family == NULL)

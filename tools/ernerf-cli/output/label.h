@@ -21,8 +21,8 @@ void label_options(struct label *label, struct option options[LABEL_OPTIONS]);
 int label_check(const struct label *label, const struct args *args);
 
 /* Draws the label for frames of this size: white letters on a dark ground in the lower left corner; capitals are at
- * least 5 % of the shorter side high. Fails if the text is wider than the frame, or no font has its characters. Returns
- * 0, or EXIT_FAILURE after a message. */
+ * least 5 % of the shorter side high. Fails if the text is wider than the frame, no font has its characters, or they
+ * are not laid out side by side from left to right. Returns 0, or EXIT_FAILURE after a message. */
 int label_make(struct label *label, struct session *session, int width, int height);
 /* Blends the label over the frame that is shown at `seconds`. rgba: [height][width][4], alpha not multiplied in. */
 void label_put(const struct label *label, double seconds, uint8_t *rgba, int width);

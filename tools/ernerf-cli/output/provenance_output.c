@@ -55,7 +55,8 @@ int provenance_read(struct session *session, const char *output, json_t **about)
 
 /* Numbered pictures share one file, with "all" in place of the number. */
 int provenance_check(struct provenance *provenance, struct session *session, const char *output) {
-  const char *percent = strchr(output, '%'), *mark = percent != NULL ? strchr(percent, 'd') : NULL;
+  const char *percent = provenance->numbered ? strchr(output, '%') : NULL,
+             *mark = percent != NULL ? strchr(percent, 'd') : NULL;
   const size_t capacity = sizeof provenance->path;
   if (provenance->off) return 0;
   provenance->output = output;

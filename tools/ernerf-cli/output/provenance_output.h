@@ -11,6 +11,7 @@ enum { PROVENANCE_OPTIONS = 1 };
 struct provenance {
   bool off; /* --no-provenance */
   ern_provenance says;
+  bool numbered; /* the output is pictures with a number in their names, out/%05d.png; else one file */
   const char *output;
   char path[4096]; /* of the file beside the output; "": none */
   bool replaces;   /* overwrites an earlier such file, whose output was deleted */
@@ -21,7 +22,7 @@ struct provenance {
 /* --no-provenance. */
 void provenance_options(struct provenance *provenance, struct option options[PROVENANCE_OPTIONS]);
 
-/* Names the file beside `output` (NAME.mp4 or numbered pictures). Fails as session_check_output if a file exists there
+/* Names the file beside `output` (one file, or numbered pictures). Fails as session_check_output if a file exists there
  * that is not such a file of this program. */
 int provenance_check(struct provenance *provenance, struct session *session, const char *output);
 

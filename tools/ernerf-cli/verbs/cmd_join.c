@@ -5,6 +5,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 
 #include "ernerf/media.h"
 #include "output/provenance_output.h"
@@ -42,7 +43,8 @@ static int list_segments(struct join_job *job) {
   for (struct dirent *entry = list != NULL ? readdir(list) : NULL; entry != NULL && status == 0;
        entry = readdir(list)) {
     const char *dot = strrchr(entry->d_name, '.');
-    if (entry->d_name[0] != '.' && dot != NULL && strcmp(dot, ".mp4") == 0) status = add_segment(job, entry->d_name);
+    if (entry->d_name[0] != '.' && dot != NULL && strcasecmp(dot, ".mp4") == 0)
+      status = add_segment(job, entry->d_name);
   }
   if (list != NULL) closedir(list);
   if (status == 0 && job->count == 0)

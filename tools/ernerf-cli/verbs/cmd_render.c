@@ -359,6 +359,7 @@ static int open_all(struct render_job *job, const struct args *args) {
   if (!args_given(args, "memory")) job->portrait.source.memory = PICTURE_BYTES;
   job->portrait.render.frame_rate = (float)rate_value(job->rate);
   int status = job->sink.kind == SINK_VIDEO ? sink_check(&job->sink, session, NULL) : 0;
+  job->provenance.numbered = job->sink.kind != SINK_VIDEO;
   if (status == 0 && !sink_on_stdout(&job->sink)) status = provenance_check(&job->provenance, session, job->out);
   if (status == 0) status = portrait_open(&job->portrait, session, args);
   if (status == 0) status = control_check_model(&job->control, session, args, &job->portrait);
