@@ -116,7 +116,8 @@ typedef enum ern_log_level {
  * models, features, poses and pictures, and the parent's backends of the CPU: on these it makes renderers and trainers
  * of its own. It may neither use nor free the parent's renderers, trainers and video writers. These have threads, which
  * the child lacks, and a call that waits for one would never return. It may not use the parent's backends of OpenCL
- * devices either. */
+ * devices either. Where the parent has used libernerf-media, the child ends with _exit(): in exit() libraries that
+ * libernerf-media needs wait for threads of theirs, for ever. */
 
 /* Holds the allocator, the log hook and the error text. Every object is made from one context and must be freed before
  * it. Several threads may use one context at the same time. They share its one error text, which is that of the call

@@ -92,6 +92,13 @@ def _array(value, name, dtype, *shape):
     return np.ascontiguousarray(value)
 
 
+def _object(value, kind, name):
+    """`value`, of which the C library could not tell that it is an object of another kind."""
+    if not isinstance(value, kind):
+        raise TypeError(f"{name}: {type(value).__name__}, expected a {kind.__name__}")
+    return value
+
+
 def _pointer(array):
     kinds = {"float32": ctypes.c_float, "uint8": ctypes.c_uint8}
     return array.ctypes.data_as(ctypes.POINTER(kinds[array.dtype.name]))
@@ -303,6 +310,8 @@ class Context(_Object):
         self._call(self._engine.ern_file_tensors, self, _path(path, "path"), checked, None)
         with open(path, "rb") as file:
             length = int.from_bytes(file.read(8), "little")
+            if length > os.fstat(file.fileno()).st_size:  # a .pth or .npy file, which the check accepts too
+                raise ValueError(f"{path}: expected a .safetensors file")
             header = json.loads(file.read(length))
         header.pop("__metadata__", None)
         data = np.memmap(path, np.uint8, "r", 8 + length)
@@ -331,7 +340,7 @@ class Backend(_Object):
     """A backend that computes models; options: name, isa, device, deterministic, tune (struct ern_backend_config)."""
 
     def __init__(self, context, **options):
-        engine, handle = context._engine, ctypes.c_void_p()
+        engine, handle = _object(context, Context, "context")._engine, ctypes.c_void_p()
         config = _filled(engine.ern_backend_config_fill, _c.BackendConfig, options, "Backend")
         self._own(engine.ern_backend_free, handle, context)
         context._call(engine.ern_backend_create, ctypes.byref(handle), context, ctypes.byref(config))
@@ -347,6 +356,7 @@ class Model(_Object):
     """A trained portrait: a .safetensors file, or a .pth checkpoint of the public program."""
 
     def __init__(self, context, path):
+        _object(context, Context, "context")
         self._make(context, lambda handle: context._call(context._engine.ern_model_load, handle, context,
                                                          _path(path, "path")))
 
@@ -376,7 +386,8 @@ class Renderer(_Object):
     _has_threads = True
 
     def __init__(self, backend, model, **options):
-        context = backend._context
+        context = _object(backend, Backend, "backend")._context
+        _object(model, Model, "model")
         engine, handle = context._engine, ctypes.c_void_p()
         options = _filled(engine.ern_render_options_fill, _c.RenderOptions, options, "Renderer")
         self._own(engine.ern_renderer_free, handle, backend, model)
@@ -439,7 +450,7 @@ class Clip(_Object):
     """A folder of frames, poses and speech; options: memory_bytes, features, asr_model (struct ern_clip_options)."""
 
     def __init__(self, context, folder, **options):
-        self._media, handle = context._media, ctypes.c_void_p()
+        self._media, handle = _object(context, Context, "context")._media, ctypes.c_void_p()
         options = _filled(self._media.ern_clip_options_fill, _c.ClipOptions, options, "Clip", without=("network",))
         self._own(self._media.ern_clip_free, handle, context)
         context._call(self._media.ern_clip_open, context, _path(folder, "folder"), ctypes.byref(options),
@@ -485,12 +496,13 @@ class Trainer(_Object):
     _has_threads = True
 
     def __init__(self, backend, clip, head=None, **options):
-        context = backend._context
+        context = _object(backend, Backend, "backend")._context
+        _object(clip, Clip, "clip")
         engine, handle, dataset = context._engine, ctypes.c_void_p(), _c.Dataset()
         config = _filled(engine.ern_train_config_fill, _c.TrainConfig, options, "Trainer",
                          without=("head", "fine_loss", "communicator"))
         if head is not None:
-            config.head = head._handle
+            config.head = _object(head, Model, "head")._handle
         context._media.ern_clip_dataset_sized(clip._handle, ctypes.byref(dataset), ctypes.sizeof(dataset))
         self._own(engine.ern_trainer_free, handle, backend, clip)
         context._call(engine.ern_trainer_create_sized, ctypes.byref(handle), backend, ctypes.byref(dataset),

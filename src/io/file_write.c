@@ -236,15 +236,14 @@ static ern_status sync_descriptor(ern_context *context, const char *path, int de
   return ERN_OK;
 }
 
-/* Makes the new name itself durable. */
-static ern_status sync_folder_of(ern_context *context, const char *path) {
+/* Makes the new name itself durable. Takes no memory: the file is in place, so that want of memory may not make it an
+ * error. Cuts `path` after its folder. */
+static ern_status sync_folder_of(ern_context *context, char *path) {
   ern_status status = ERN_OK;
-  char *folder = NULL;
   const size_t length = folder_length(path);
-  int descriptor = -1;
-  ERN_TRY(ern_string_copy(context, length > 0 ? path : ".", &folder));
-  if (length > 0) folder[length] = 0;
-  descriptor = open(folder, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+  if (length > 0) path[length] = 0;
+  const char *folder = length > 0 ? path : ".";
+  const int descriptor = open(folder, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
   /* a folder that may be written but not read, or a file system without fsync of folders, is no reason to fail */
   if (descriptor < 0 && errno != EACCES) ERN_TRY(ern_file_fail(context, folder, "open"));
   while (descriptor >= 0 && fsync(descriptor) != 0) {
@@ -253,7 +252,6 @@ static ern_status sync_folder_of(ern_context *context, const char *path) {
   }
 fail:
   if (descriptor >= 0) close(descriptor);
-  ern_release(context, folder);
   return status;
 }
 

@@ -5,6 +5,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "core/floats.h"
 #include "core/sized.h"
 
 /* The frame, the square and the landmarks. */
@@ -53,6 +54,7 @@ bool ern_dub_within(const int inner[4], const int outer[4]) {
 }
 
 ern_status ern_dub_box_sized(ern_context *context, const ern_dub_input *input, size_t bytes, int box[4]) {
+  ERN_PLAIN_FLOATS;
   ern_dub_input own = {0};
   if (box != NULL) memset(box, 0, 4 * sizeof *box);
   if (context == NULL) return ERN_E_ARGUMENT;
@@ -65,6 +67,7 @@ ern_status ern_dub_box_sized(ern_context *context, const ern_dub_input *input, s
 
 ern_status ern_dub_frame_sized(ern_context *context, const ern_dub_input *input, size_t bytes, uint8_t *rgba,
                                bool *drawn) {
+  ERN_PLAIN_FLOATS;
   ern_dub_input own = {0};
   if (drawn != NULL) *drawn = false;
   if (context == NULL) return ERN_E_ARGUMENT;

@@ -6,6 +6,7 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "core/floats.h"
 #include "core/memory.h"
 #include "io/file.h"
 #include "io/onnx.h"
@@ -131,6 +132,7 @@ fail:
 
 ern_status ern_speech_network_open(ern_context *context, const char *path, const char *description,
                                    ern_speech_network **network) {
+  ERN_PLAIN_FLOATS;
   if (network != NULL) *network = NULL;
   ERN_NEED(context, context);
   ERN_NEED(context, path);

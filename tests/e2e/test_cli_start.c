@@ -185,10 +185,32 @@ static void test_little_memory_long(void **state) {
     run_limited("bench m.safetensors clip --only frame --seconds 0 --rays 256 --quiet", kib);
 }
 
+/* A program inherits from the one that starts it that SIGCHLD is ignored: waitpid then knows no exit status. */
+static void test_little_memory_without_children(void **state) {
+  const struct rlimit little = {400u << 20, 400u << 20};
+  int how = 0;
+  (void)state;
+  fflush(NULL);
+  const pid_t child = fork();
+  assert_true(child >= 0);
+  if (child == 0) {
+    (void)signal(SIGCHLD, SIG_IGN);
+    if (freopen("check.err", "w", stderr) != NULL && setrlimit(RLIMIT_AS, &little) == 0)
+      (void)execl(getenv("ERNERF_BIN"), "ernerf", "check", "clip", (char *)NULL);
+    _exit(126);
+  }
+  assert_int_equal(waitpid(child, &how, 0), child);
+  if (!WIFEXITED(how) || WEXITSTATUS(how) != 1) fail_msg("check ended with %x, expected exit status 1", (unsigned)how);
+}
+
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_help),          cmocka_unit_test(test_before_an_input),
-                                     cmocka_unit_test(test_files),         cmocka_unit_test(test_without_media),
-                                     cmocka_unit_test(test_little_memory), cmocka_unit_test(test_little_memory_long)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_help),
+                                     cmocka_unit_test(test_before_an_input),
+                                     cmocka_unit_test(test_files),
+                                     cmocka_unit_test(test_without_media),
+                                     cmocka_unit_test(test_little_memory),
+                                     cmocka_unit_test(test_little_memory_long),
+                                     cmocka_unit_test(test_little_memory_without_children)};
 #if !ERN_SHARED
   puts("the libraries are static");
   return 0;

@@ -396,6 +396,22 @@ static void test_owner(void **state) {
   assert_true(about.st_uid == 1000 && about.st_gid == 2000 && (about.st_mode & 07777) == 0640);
 }
 
+static ern_status write_pair(ern_context *metered) {
+  static const char *const paths[] = {"d/one", "d/two"};
+  const void *const bytes[] = {"new", "new"};
+  const size_t sizes[] = {3, 3};
+  for (size_t i = 0; i < 2; i++) support_write_text(paths[i], "old");
+  const ern_status status = ern_files_save(metered, 2, paths, bytes, sizes);
+  for (size_t i = 0; i < 2; i++) expect_text(paths[i], status == ERN_OK ? "new" : "old");
+  return status;
+}
+
+/* Want of memory leaves all files as they were: there is none to be had after the first has its name. */
+static void test_no_memory(void **state) {
+  (void)state;
+  support_refuse_each(write_pair);
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test_setup_teardown(test_neighbours, start, end),
                                      cmocka_unit_test_setup_teardown(test_left_over, start, end),
@@ -414,6 +430,7 @@ int main(void) {
                                      cmocka_unit_test_setup_teardown(test_kept, start, end),
                                      cmocka_unit_test_setup_teardown(test_devices, start, end),
                                      cmocka_unit_test_setup_teardown(test_rights_of_a_leftover, start, end),
-                                     cmocka_unit_test_setup_teardown(test_owner, start, end)};
+                                     cmocka_unit_test_setup_teardown(test_owner, start, end),
+                                     cmocka_unit_test_setup_teardown(test_no_memory, start, end)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -70,6 +70,27 @@ static void test_a_full_disk_keeps_what_was_written(void **state) {
   assert_int_equal(access("none", F_OK), -1);
 }
 
+static int stops(void *user) {
+  (void)user;
+  return 1;
+}
+
+/* A program that is being stopped when the disk is full: a file waits for nobody, so the disk is the error. */
+static void test_a_full_disk_while_it_stops(void **state) {
+  (void)state;
+  struct rlimit limit;
+  ern_stream_options options = options_of_stream("raw");
+  options.stop = stops;
+  assert_int_equal(getrlimit(RLIMIT_FSIZE, &limit), 0);
+  const struct rlimit full = {4 * SIDE * SIDE * 3 + 7, limit.rlim_max};
+  (void)unlink("stopped");
+  assert_int_equal(setrlimit(RLIMIT_FSIZE, &full), 0);
+  const ern_status status = write_and_close("stopped", &options);
+  assert_int_equal(setrlimit(RLIMIT_FSIZE, &limit), 0);
+  support_expect(context, status, ERN_E_IO, "stopped", "it is cut", NULL);
+  assert_int_equal(bytes_of("stopped"), 4 * SIDE * SIDE * 3);
+}
+
 /* A process that is killed leaves a temporary file that plays, but for its last second. */
 static void test_a_killed_process_leaves_what_plays(void **state) {
   (void)state;
@@ -121,6 +142,7 @@ static void test_a_taken_name_keeps_the_recording(void **state) {
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_a_taken_name_keeps_the_recording),
                                      cmocka_unit_test(test_a_full_disk_keeps_what_was_written),
+                                     cmocka_unit_test(test_a_full_disk_while_it_stops),
                                      cmocka_unit_test(test_a_killed_process_leaves_what_plays)};
   return cmocka_run_group_tests(tests, set_up, tear_down);
 }

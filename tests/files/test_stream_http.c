@@ -143,10 +143,16 @@ static void test_only_its_own_pages_are_served(void **state) {
   support_expect(context, ern_stream_writer_open(context, url, &options, &writer), ERN_E_BUSY, url, "cannot listen",
                  NULL);
   (void)close(other);
-  support_expect(context, ern_stream_writer_open(context, "http://[::1/", &options, &writer), ERN_E_ARGUMENT,
-                 "expected http://HOST:PORT/", NULL);
-  support_expect(context, ern_stream_writer_open(context, "http://127.0.0.1:80x/", &options, &writer), ERN_E_ARGUMENT,
-                 "expected http://HOST:PORT/", NULL);
+  static const char *const wrong[] = {"http://[::1/",
+                                      "http://127.0.0.1:80x/",
+                                      "http://127.0.0.1:99999/",
+                                      "http://127.0.0.1:65536/",
+                                      "http://127.0.0.1:0/",
+                                      "http://",
+                                      "http:///a.mp4"};
+  for (size_t i = 0; i < sizeof wrong / sizeof *wrong; i++)
+    support_expect(context, ern_stream_writer_open(context, wrong[i], &options, &writer), ERN_E_ARGUMENT, wrong[i],
+                   "expected http://HOST:PORT/", NULL);
 }
 
 /* A viewer who takes nothing any more does not keep others out for ever. */

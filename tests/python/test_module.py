@@ -333,6 +333,16 @@ sys.exit(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
                 (TypeError, ("Trainer has no option fine_loss",),
                  lambda: ernerf.Trainer(self.backend, clip, fine_loss=1)),
                 (ValueError, ("iters is -1",), lambda: ernerf.Trainer(self.backend, clip, iters=-1)),
+                (TypeError, ("context: Backend, expected a Context",),
+                 lambda: ernerf.Model(self.backend, "head.safetensors")),
+                (TypeError, ("context: Model, expected a Context",), lambda: ernerf.Clip(model, "clip")),
+                (TypeError, ("context: Model, expected a Context",), lambda: ernerf.Backend(model)),
+                (TypeError, ("backend: Model, expected a Backend",), lambda: ernerf.Renderer(model, self.backend)),
+                (TypeError, ("model: Clip, expected a Model",), lambda: ernerf.Renderer(self.backend, clip)),
+                (TypeError, ("backend: Model, expected a Backend",), lambda: ernerf.Trainer(model, clip)),
+                (TypeError, ("clip: Model, expected a Clip",), lambda: ernerf.Trainer(self.backend, model)),
+                (TypeError, ("head: Clip, expected a Model",), lambda: ernerf.Trainer(self.backend, clip, clip)),
+                (ValueError, ("speech.npy: expected a .safetensors file",), lambda: self.context.tensors("speech.npy")),
                 (IndexError, ("frame 10000 of",), lambda: clip.frame(ernerf.Split.VAL, 10000)),
                 (ernerf.Error, ("10000",), lambda: clip.pixels(ernerf.Split.VAL, 10000))):
             with self.subTest(words), self.says(kind, *words):

@@ -7,6 +7,7 @@
 #include <netdb.h>
 #include <poll.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 #include <strings.h>
 #include <sys/socket.h>
@@ -164,10 +165,12 @@ static ern_status parse(struct listener *l) {
   const size_t length = strcspn(from, "/?#");
   const char *rest = split_host(from, length, l->host), *end = from + length;
   const size_t digits = rest != NULL && rest < end && *rest == ':' ? strspn(rest + 1, "0123456789") : 0;
-  const bool has_port = digits > 0 && digits <= 5 && rest + 1 + digits == end;
-  if (rest == NULL || (rest != end && !has_port))
+  const bool has_digits = digits > 0 && digits <= 5 && rest + 1 + digits == end;
+  const unsigned long port = has_digits ? strtoul(rest + 1, NULL, 10) : 80;
+  const bool is_port = port >= 1 && port <= 65535; /* getaddrinfo takes larger ones mod 65536 */
+  if (rest == NULL || length == 0 || (rest != end && !has_digits) || !is_port)
     return ern_fail(l->context, ERN_E_ARGUMENT, "%s: has no address to listen at, expected http://HOST:PORT/", l->url);
-  snprintf(l->port, sizeof l->port, "%.*s", (int)(has_port ? digits : 2), has_port ? rest + 1 : "80");
+  snprintf(l->port, sizeof l->port, "%lu", port);
   return ERN_OK;
 }
 

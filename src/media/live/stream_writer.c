@@ -113,9 +113,10 @@ static bool asks_to_stop(const ern_stream_writer *w) {
   return w->options.stop != NULL && w->options.stop(w->options.user) != 0;
 }
 
-/* Replaces an error that the caller's request to stop caused by ERN_E_CANCELLED. */
+/* Replaces an error that the caller's request to stop caused by ERN_E_CANCELLED. A file waits for nobody. */
 static ern_status or_stopped(const ern_stream_writer *w, ern_status status) {
-  if (status == ERN_OK || status == ERN_E_CANCELLED || !asks_to_stop(w)) return status;
+  const bool waits = w->target != TARGET_FILE;
+  if (status == ERN_OK || status == ERN_E_CANCELLED || !waits || !asks_to_stop(w)) return status;
   return ern_fail(w->context, ERN_E_CANCELLED, "%s: stopped", w->url);
 }
 

@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: MIT */
+#define _GNU_SOURCE /* MAP_ANONYMOUS */
 #include "media/thin/load_trial.h"
 
 #include <dirent.h>
@@ -7,6 +8,7 @@
 #include <fcntl.h>
 #include <pthread.h>
 #include <signal.h>
+#include <sys/mman.h>
 #include <sys/resource.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -49,8 +51,12 @@ static rlim_t bytes_of_threads(void) {
   return count > 1 ? (count - 1) * 72 * 1024 * 1024 : 0;
 }
 
+/* What the child says, in memory that it shares: waitpid does not know it where the program ignores or collects its
+ * children. */
+enum answer { ENDED = 0, REFUSED, LOADED };
+
 /* The child: only glibc's fork allows dlopen after it in a process with threads. */
-static void load(const char *file, rlim_t reserve) {
+static void load(const char *file, rlim_t reserve, volatile char *answer) {
   const struct rlimit no_core = {0, 0};
   struct rlimit limit;
   const int silence = open("/dev/null", O_WRONLY);
@@ -61,18 +67,20 @@ static void load(const char *file, rlim_t reserve) {
   }
   (void)signal(SIGABRT, SIG_DFL);
   if (silence >= 0) (void)dup2(silence, STDERR_FILENO);
-  _exit(dlopen(file, RTLD_LAZY | RTLD_LOCAL) != NULL ? 0 : 1); /* the forked child alone */
+  *answer = dlopen(file, RTLD_LAZY | RTLD_LOCAL) != NULL ? LOADED : REFUSED;
+  _exit(0); /* the forked child alone */
 }
 
 bool ern_load_trial(const char *file) {
-  int status = 0;
   if (!is_limited(RLIMIT_AS) && !is_limited(RLIMIT_DATA) && has_threads()) return true;
   const rlim_t reserve = bytes_of_threads();
+  volatile char *answer = mmap(NULL, 1, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
+  if (answer == MAP_FAILED) return false;
   const pid_t child = fork();
-  if (child == 0) load(file, reserve);
-  if (child < 0) return false;
-  while (waitpid(child, &status, 0) < 0)
-    if (errno != EINTR) return true; /* the program has collected the child: not known */
-  /* a refusal by dlopen (1) is left to the caller's dlopen, which says why, unless the child had less memory */
-  return WIFEXITED(status) && (WEXITSTATUS(status) == 0 || reserve == 0);
+  if (child == 0) load(file, reserve, answer);
+  while (child > 0 && waitpid(child, NULL, 0) < 0 && errno == EINTR) continue;
+  const char found = *answer;
+  (void)munmap((void *)answer, 1);
+  /* a refusal by dlopen is left to the caller's dlopen, which says why, unless the child had less memory */
+  return found == LOADED || (found == REFUSED && reserve == 0);
 }

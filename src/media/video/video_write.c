@@ -160,6 +160,7 @@ fail:
 }
 
 ern_status ern_video_writer_close(ern_video_writer **writer) {
+  ERN_PLAIN_FLOATS;
   ERN_NEED(NULL, writer);
   ERN_NEED(NULL, *writer);
   const ern_status status = finish(*writer);
