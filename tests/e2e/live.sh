@@ -140,9 +140,9 @@ for _ in $(seq 600); do grep -q '^started 1$' err.txt && break; sleep 0.1; done
 printf 'statistics\n' >&8
 for _ in $(seq 600); do grep -q '^ended 1$' err.txt && break; sleep 0.1; done
 [ "$(grep -xE 'ok 1|started 1|ended 1' err.txt | tr '\n' ' ')" = "ok 1 started 1 ended 1 " ] || fail "events: $(cat err.txt)"
-printf 'eyes 2\nhold on\nbackground white\nplay clip/aud.wav\nplay gone.wav\nplay clip/bc.jpg\nstop\nstatistics\nnonsense\nquit\n' >&8
+printf 'eyes 2\nhold on\nbackground white\nplay clip/aud.wav\nplay gone.wav\nplay clip/bc.jpg\nplay clip\nsay a\0b\nstop\nstatistics\nnonsense\nquit now\nquit\n' >&8
 status=0; wait $program || status=$?
-refused 0 $status "error: eyes" "error: play: gone.wav: No such file" "error: play: clip/bc.jpg" "^ok 2$" '"readers":2' "\"nonsense\" is not known" \
+refused 0 $status "error: eyes" "error: play: gone.wav: No such file" "error: play: clip/bc.jpg" "error: play: clip: Is a directory" "error: the line has a byte of 0" "\"quit now\" is not known" "^ok 2$" '"readers":2' "\"nonsense\" is not known" \
   '"speaking":1,"queued":0' '"speaking":null,"queued":0'
 [ "$(grep -c '^ok$' err.txt)" = 4 ] || fail "answers: $(cat err.txt)"
 { echo "say hello"; sleep 1; echo quit; } | TMPDIR=$PWD/gone live --control - -o said.rgba 2> err.txt

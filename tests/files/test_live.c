@@ -491,6 +491,7 @@ static void test_hostile_sound(void **state) {
   support_ok(context, ern_live_push(live, samples, 100));
   support_ok(context, ern_live_end(live));
   support_expect(context, ern_live_push(live, samples, 1), ERN_E_STATE, "has ended", NULL);
+  support_expect(context, ern_live_push(live, NULL, 0), ERN_E_STATE, "has ended", NULL);
   support_expect(context, ern_live_insert_silence(live), ERN_E_STATE, "has ended", NULL);
   support_expect(context, ern_live_flush(live), ERN_E_STATE, "has ended", NULL);
   const ern_live_frame *f = pull(live); /* the refused calls left nothing behind */

@@ -247,10 +247,11 @@ static ern_status take(ern_live *l, const float *data, size_t count, bool silenc
 
 static ern_status push_part(ern_live *l, const float *data, size_t values, size_t count, uint64_t cancels) {
   ern_status status = ERN_OK;
-  while (count > 0) {
+  do {
     if (l->ended) return ern_fail(l->context, ERN_E_STATE, "live: the sound has ended, no more can be pushed");
     if (l->cancels != cancels)
       return ern_fail(l->context, ERN_E_CANCELLED, "live: the sound that waited was cancelled");
+    if (count == 0) break;
     size_t space = find_space(l);
     if (space == 0) {
       (void)pthread_cond_wait(&l->moved, &l->mutex);
@@ -261,7 +262,7 @@ static ern_status push_part(ern_live *l, const float *data, size_t values, size_
     ERN_TRY(take(l, data, taken, false));
     data += taken * values;
     count -= taken;
-  }
+  } while (count > 0);
 fail:
   return status;
 }

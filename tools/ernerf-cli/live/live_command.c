@@ -18,10 +18,14 @@ static void refuse(struct live_job *job, const char *reason) {
   live_control_answer(&job->commands, text);
 }
 
-/* Whether `url` names a file, not a device, that cannot be read; errno says why. */
+/* Whether `url` names a file, not a device, that cannot be read, or a folder; errno says why. */
 static bool is_unreadable(const char *url) {
   const char *path = ern_stream_file(url);
-  return path != NULL && strcmp(path, "-") != 0 && !ern_sound_reader_is_device(url) && access(path, R_OK) != 0;
+  struct stat about;
+  if (path == NULL || strcmp(path, "-") == 0 || ern_sound_reader_is_device(url)) return false;
+  if (access(path, R_OK) != 0 || stat(path, &about) != 0) return true;
+  errno = EISDIR;
+  return S_ISDIR(about.st_mode);
 }
 
 /* Whether the sound of a regular file can be read; other inputs would block. */
@@ -112,7 +116,7 @@ void live_command(struct live_job *job, const char *line) {
   snprintf(word, sizeof word, "%.*s", (int)(length < sizeof word ? length : sizeof word - 1), line);
   if (strcmp(word, "say") == 0 || strcmp(word, "play") == 0) {
     say(job, word[0] == 's', rest);
-  } else if (strcmp(word, "stop") == 0) {
+  } else if (strcmp(word, "stop") == 0 && rest[0] == 0) {
     live_sound_cancel(&job->sound);
     live_control_answer(&job->commands, "ok");
   } else if (strcmp(word, "hold") == 0 && (strcmp(rest, "on") == 0 || strcmp(rest, "off") == 0)) {
@@ -122,9 +126,9 @@ void live_command(struct live_job *job, const char *line) {
     set_eyes(job, rest);
   } else if (strcmp(word, "background") == 0) {
     set_background(job, rest);
-  } else if (strcmp(word, "statistics") == 0) {
+  } else if (strcmp(word, "statistics") == 0 && rest[0] == 0) {
     answer_statistics(job);
-  } else if (strcmp(word, "quit") == 0) {
+  } else if (strcmp(word, "quit") == 0 && rest[0] == 0) {
     job->quits = true;
     live_control_answer(&job->commands, "ok");
   } else {

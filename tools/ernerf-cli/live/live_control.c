@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT */
 #include "live/live_control.h"
 
+#include <assert.h>
 #include <errno.h>
 #include <poll.h>
 #include <stdio.h>
@@ -54,32 +55,37 @@ static bool exchange(struct live_control *control, const char *line) {
   return answered;
 }
 
+/* The answer to a line that is not passed on; NULL: it is. */
+static const char *refusal(bool too_long, bool has_zero) {
+  return too_long ? "error: the line is longer than 4094 bytes" : has_zero ? "error: the line has a byte of 0" : NULL;
+}
+
 /* Reads lines until the end of the input. Of a line that is too long, only the first LIVE_LINE - 1 bytes are kept, and
  * it is refused. */
 static void read_lines(struct live_control *control, int descriptor) {
+  static_assert(LIVE_LINE == 4096, "a refusal says 4094");
   char line[LIVE_LINE], piece[512];
   size_t length = 0;
-  bool too_long = false;
+  bool too_long = false, has_zero = false;
   while (await_input(control, descriptor)) {
     const ssize_t got = read(descriptor, piece, sizeof piece);
     if (got <= 0 && !(got < 0 && errno == EINTR)) return;
     for (ssize_t i = 0; i < got; i++) {
       if (piece[i] != '\n') {
-        if (length + 1 < sizeof line && piece[i] != 0) line[length++] = piece[i];
+        if (length + 1 < sizeof line) line[length++] = piece[i];
         too_long |= length + 1 == sizeof line;
+        has_zero |= piece[i] == 0;
         continue;
       }
       if (length > 0 && line[length - 1] == '\r') length--;
       line[length] = 0;
       length = 0;
-      if (too_long) {
-        char refusal[64];
-        snprintf(refusal, sizeof refusal, "error: the line is longer than %d bytes", LIVE_LINE - 2);
-        live_control_tell(control, refusal);
-        too_long = false;
-      } else if (line[0] != 0 && !exchange(control, line)) {
+      const char *reason = refusal(too_long, has_zero);
+      too_long = has_zero = false;
+      if (reason != NULL)
+        live_control_tell(control, reason);
+      else if (line[0] != 0 && !exchange(control, line))
         return;
-      }
     }
   }
 }
