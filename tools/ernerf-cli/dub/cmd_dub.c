@@ -77,6 +77,7 @@ static int check_usage(struct dub_job *job, const struct args *args) {
     return args_refuse(args, "--audio is %s, expected a sound: the output has it", job->audio);
   if (job->out == NULL) return args_refuse(args, "-o OUT is missing");
   int status = args_forbid(args, "split", "chooses frames of the clip, and a dubbed video has them all");
+  if (status < 0) status = args_forbid(args, "torso_shrink", "is about the torso, which stays as recorded");
   if (status < 0) status = sink_choose(&job->sink, args, job->out);
   if (status < 0 && job->sink.kind != SINK_VIDEO)
     status = args_refuse(args, "-o is %s, expected a video: NAME.mp4, .mov or .mkv", job->out);
@@ -88,12 +89,7 @@ static int check_usage(struct dub_job *job, const struct args *args) {
 
 static int open_features(struct dub_job *job) {
   struct session *session = &job->session;
-  ern_speech_network *network = job->portrait.source.speech_model.network;
-  const char *kind = portrait_speech(&job->portrait);
-  if (network == NULL && strcmp(kind, ERN_SPEECH_CEPSTRA) != 0) return portrait_refuse_sound(&job->portrait, session);
-  const ern_status status = network != NULL ? ern_speech_network_features(network, job->audio, &job->features)
-                                            : ern_speech_open(session->context, job->audio, kind, &job->features);
-  if (status != ERN_OK) return speech_model_fail(session, status);
+  if (portrait_features(&job->portrait, session, job->audio, &job->features) != 0) return EXIT_FAILURE;
   speech_model_close(&job->portrait.source.speech_model);
   if (ern_renderer_accepts(job->portrait.renderer, &job->features, job->audio) != ERN_OK) return session_fail(session);
   job->windows =
@@ -366,7 +362,7 @@ int cmd_dub(int argc, char **argv) {
   silence_pose_options(&job.silence_pose, silence);
   session_compute_options(&job.session, common);
   session_output_options(&job.session, common + SESSION_COMPUTE_OPTIONS);
-  args_unlist(&args, "split");
+  args_unlist(&args, "split torso_shrink format");
   int status = args_parse(&args, argc, argv);
   if (status < 0) status = check_usage(&job, &args);
   if (status < 0) status = speech_model_check(&job.portrait.source.speech_model, &args, job.audio);

@@ -1,7 +1,6 @@
 /* SPDX-License-Identifier: MIT */
 #include "live/live_control.h"
 
-#include <assert.h>
 #include <errno.h>
 #include <poll.h>
 #include <stdio.h>
@@ -55,15 +54,9 @@ static bool exchange(struct live_control *control, const char *line) {
   return answered;
 }
 
-/* The answer to a line that is not passed on; NULL: it is. */
-static const char *refusal(bool too_long, bool has_zero) {
-  return too_long ? "error: the line is longer than 4094 bytes" : has_zero ? "error: the line has a byte of 0" : NULL;
-}
-
 /* Reads lines until the end of the input. Of a line that is too long, only the first LIVE_LINE - 1 bytes are kept, and
  * it is refused. */
 static void read_lines(struct live_control *control, int descriptor) {
-  static_assert(LIVE_LINE == 4096, "a refusal says 4094");
   char line[LIVE_LINE], piece[512];
   size_t length = 0;
   bool too_long = false, has_zero = false;
@@ -80,12 +73,16 @@ static void read_lines(struct live_control *control, int descriptor) {
       if (length > 0 && line[length - 1] == '\r') length--;
       line[length] = 0;
       length = 0;
-      const char *reason = refusal(too_long, has_zero);
-      too_long = has_zero = false;
-      if (reason != NULL)
-        live_control_tell(control, reason);
-      else if (line[0] != 0 && !exchange(control, line))
+      if (too_long) {
+        char refusal[64];
+        snprintf(refusal, sizeof refusal, "error: the line is longer than %d bytes", LIVE_LINE - 2);
+        live_control_tell(control, refusal);
+      } else if (has_zero) {
+        live_control_tell(control, "error: the line has a byte of 0");
+      } else if (line[0] != 0 && !exchange(control, line)) {
         return;
+      }
+      too_long = has_zero = false;
     }
   }
 }

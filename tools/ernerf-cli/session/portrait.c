@@ -266,6 +266,16 @@ const float *portrait_refined(const struct portrait *portrait, const struct fram
   return refined;
 }
 
+int portrait_features(struct portrait *portrait, struct session *session, const char *path, ern_features *features) {
+  ern_speech_network *network = portrait->source.speech_model.network;
+  const char *kind = portrait_speech(portrait);
+  if (network == NULL && ern_speech_is_sound(path) && strcmp(kind, ERN_SPEECH_CEPSTRA) != 0)
+    return portrait_refuse_sound(portrait, session);
+  const ern_status status = network != NULL ? ern_speech_network_features(network, path, features)
+                                            : ern_speech_open(session->context, path, kind, features);
+  return status == ERN_OK ? 0 : speech_model_fail(session, status);
+}
+
 const char *portrait_kind(const struct portrait *portrait) { return portrait->info.has_torso ? "head+torso" : "head"; }
 
 static int encode_earlier_frames(const struct portrait *portrait, struct session *session,

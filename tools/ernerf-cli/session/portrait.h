@@ -58,6 +58,10 @@ const char *portrait_speech(const struct portrait *portrait);
  */
 int portrait_refuse_sound(const struct portrait *portrait, struct session *session);
 
+/* The features of a file of sound or of features, as the model takes them: by the speech network that is open, else the
+ * built-in ones. Returns 0, or EXIT_FAILURE after a message. The caller owns *features. */
+int portrait_features(struct portrait *portrait, struct session *session, const char *path, ern_features *features);
+
 /* "head" or "head+torso". */
 const char *portrait_kind(const struct portrait *portrait);
 /* Keeps frames [begin, end) of --frames. With --smooth_lips the speech of the earlier frames is processed without

@@ -169,13 +169,7 @@ static int open_features(struct render_job *job) {
   struct session *session = &job->session;
   const char *name = job->portrait.features_path;
   if (job->audio != NULL) {
-    ern_speech_network *network = job->portrait.source.speech_model.network;
-    const char *kind = portrait_speech(&job->portrait);
-    if (network == NULL && ern_speech_is_sound(job->audio) && strcmp(kind, ERN_SPEECH_CEPSTRA) != 0)
-      return portrait_refuse_sound(&job->portrait, session);
-    const ern_status status = network != NULL ? ern_speech_network_features(network, job->audio, &job->own_features)
-                                              : ern_speech_open(session->context, job->audio, kind, &job->own_features);
-    if (status != ERN_OK) return speech_model_fail(session, status);
+    if (portrait_features(&job->portrait, session, job->audio, &job->own_features) != 0) return EXIT_FAILURE;
     job->features = &job->own_features;
     name = job->audio;
     if (!ern_speech_is_sound(name) &&
