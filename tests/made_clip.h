@@ -19,8 +19,8 @@ struct made {
   ern_dataset data;
   float speech[WINDOWS * 16 * WIDTH];
   uint8_t background[SIDE * SIDE * 3], truth[FRAMES][SIDE * SIDE * 3], torso[FRAMES][SIDE * SIDE * 4];
-  ern_box lips, lower_face, eyes; /* of every frame */
-  float poison;                   /* if not 0, replaces the eye value of every frame */
+  ern_box lips, lower_face, eyes, dubbed; /* of every frame */
+  float poison;                           /* if not 0, replaces the eye value of every frame */
 };
 
 static inline ern_status made_frame(void *user, int split, size_t index, ern_dataset_frame *frame) {
@@ -34,7 +34,8 @@ static inline ern_status made_frame(void *user, int split, size_t index, ern_dat
                                .face = {4, 16, 4, 16},
                                .lips = m->lips,
                                .lower_face = m->lower_face,
-                               .eyes = m->eyes};
+                               .eyes = m->eyes,
+                               .dubbed = m->dubbed};
   return ERN_OK;
 }
 

@@ -113,6 +113,8 @@ typedef struct ern_model_info {
   char speech_network[512]; /* description of the network that made them, with its SHA-256, for
                                ern_speech_network_open; "": no network made them, or it is not known */
   char consent[ERN_CONSENT_BYTES]; /* what the person has agreed to (ern_train_config.consent); "": it does not say */
+  bool dub;                        /* a head that was trained for ern_dub_frame (ERN_RAY_SAMPLING_DUB): it is exact in
+                                      the lower face alone */
 } ern_model_info;
 
 /* What the model is. */

@@ -134,6 +134,8 @@ typedef struct ern_render_options {
   float image_scale;        /* the head is rendered at this multiple of the picture's width and height, and upsampled
                                (bicubic) before it is composited over the background, which stays sharp; 0.25..1,
                                default 1 */
+  bool no_torso;            /* true: a torso of the model is not drawn, as if the model were a head alone; default
+                               false */
 } ern_render_options;
 
 /* The defaults. */

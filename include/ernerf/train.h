@@ -26,19 +26,23 @@ typedef struct ern_dataset_frame {
                          their maxima; each truncated to an integer. Unused without has_face */
   ern_box lower_face; /* from the base of the nose to the chin; its part outside of the picture is ignored, and one
                          without a pixel counts as unknown */
-  ern_box lips; /* likewise, of the mouth's landmarks: where every second step of the fine stage has its patches */
-  ern_box eyes; /* likewise, of both eyes with their lids; used where the dataset has eye values */
+  ern_box lips;   /* likewise, of the mouth's landmarks: where every second step of the fine stage has its patches */
+  ern_box eyes;   /* likewise, of both eyes with their lids; used where the dataset has eye values */
+  ern_box dubbed; /* what ern_dub_frame may draw of the head, likewise */
 } ern_dataset_frame;
 
 /* Which pixels of a frame the rays of a step go through. A torso's are uniform in any case. */
 typedef enum ern_ray_sampling {
   ERN_RAY_SAMPLING_UNIFORM, /* each as likely as another: the paper's own */
-  ERN_RAY_SAMPLING_REGIONS  /* of a head: 30 of 100 in the lower face; 10 around the eyes, if the dataset has eye
+  ERN_RAY_SAMPLING_REGIONS, /* of a head: 30 of 100 in the lower face; 10 around the eyes, if the dataset has eye
                                values; 20 in pixels that ern_dataset.head does not give 0, and 10 in those that it gives
                                neither 0 nor 255; the others, and those of a region that is not known, anywhere.
                                Frames with shut eyes are sampled more often (docs/maths.md) */
+  ERN_RAY_SAMPLING_DUB      /* of a head for ern_dub_frame (media.h): 40 of 100 in the lower face, 55 in
+                               ern_dataset_frame.dubbed, the others, and those of a region that is not known, anywhere.
+                               The even patches of a fine stage and the PSNR of validations are of `dubbed` too */
 } ern_ray_sampling;
-ERN_API const char *ern_ray_sampling_name(ern_ray_sampling sampling); /* "uniform", "regions"; NULL for none of these */
+ERN_API const char *ern_ray_sampling_name(ern_ray_sampling sampling); /* "uniform", "regions", "dub"; else NULL */
 
 #define ERN_SPEECH_NOISE_MOST 10 /* ern_dataset.speech_noise */
 

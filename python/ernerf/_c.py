@@ -80,6 +80,7 @@ class RaySampling(enum.IntEnum):
     """Which pixels of a frame the rays of a step go through."""
     UNIFORM = 0
     REGIONS = 1
+    DUB = 2
 
 
 class Split(enum.IntEnum):
@@ -131,7 +132,7 @@ class ModelInfo(Structure):
                 ("torso_shrink", c_float), ("scale", c_float), ("audio_pad", ENUM), ("cameras", c_size_t),
                 ("head_steps", c_uint64), ("torso_steps", c_uint64), ("clip", c_char * 65), ("parameters", c_size_t),
                 ("parameter_bytes", c_size_t), ("speech", c_char * 64), ("speech_network", c_char * 512),
-                ("consent", c_char * 1024)]
+                ("consent", c_char * 1024), ("dub", c_bool)]
 
 
 class TensorInfo(Structure):
@@ -154,7 +155,7 @@ class Camera(Structure):
 class RenderOptions(Structure):
     _fields_ = [("cookie", c_uint32), ("size", c_uint32), ("threads", c_int), ("max_steps", c_int),
                 ("dt_gamma", c_float), ("transmittance_stop", c_float), ("torso_shrink", c_float),
-                ("smooth_lips", c_bool), ("frame_rate", c_float), ("image_scale", c_float)]
+                ("smooth_lips", c_bool), ("frame_rate", c_float), ("image_scale", c_float), ("no_torso", c_bool)]
 
 
 class FrameInput(Structure):

@@ -62,7 +62,8 @@ static void describe(const ern_model *model, ern_model_info *info) {
                            .audio_pad = model->view.audio_pad,
                            .cameras = model->cameras,
                            .head_steps = model->head_steps,
-                           .torso_steps = model->torso_steps};
+                           .torso_steps = model->torso_steps,
+                           .dub = model->dub};
   memcpy(info->clip, model->clip, sizeof info->clip);
   memcpy(info->speech, model->speech, sizeof info->speech);
   memcpy(info->speech_network, model->speech_network, sizeof info->speech_network);

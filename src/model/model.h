@@ -25,6 +25,7 @@ struct ern_model {
   char speech_network[512]; /* a JSON object; "": no network made them */
   char clip[65];
   char consent[ERN_CONSENT_BYTES]; /* UTF-8 */
+  bool dub;                        /* as of ern_model_info */
 };
 
 /* Steps of a training, at most, in a file that is read: whole numbers up to here are exact in a double. */

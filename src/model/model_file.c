@@ -41,7 +41,8 @@ ern_status ern_model_metadata(const ern_model *model, char **json) {
       c->window_length, "eye", c->eye, "view", !c->no_view, "torso", c->torso, "torso_gamma", c->torso_gamma, "codes",
       c->codes, "bound", (double)c->bound, "head_steps", (json_int_t)model->head_steps, "torso_steps",
       (json_int_t)model->torso_steps, "speech", model->speech, "clip", model->clip, "consent", model->consent);
-  if (root != NULL && ((model->view.said && !put_view(root, &model->view)) || !put_speech_network(root, model))) {
+  if (root != NULL && ((model->view.said && !put_view(root, &model->view)) || !put_speech_network(root, model) ||
+                       (model->dub && json_object_set_new(root, "dub", json_true()) != 0))) {
     json_decref(root);
     root = NULL;
   }
@@ -215,6 +216,9 @@ static ern_status read_metadata(ern_context *context, const char *text, const ch
   if (view != NULL && !json_is_boolean(view)) ERN_TRY(wrong_field(context, path, "view"));
   config->no_view = view != NULL && !json_is_true(view);
   const json_t *bound = json_object_get(root, "bound"), *clip = json_object_get(root, "clip");
+  const json_t *dub = json_object_get(root, "dub"); /* missing: false */
+  if (dub != NULL && !json_is_boolean(dub)) ERN_TRY(wrong_field(context, path, "dub"));
+  identity->dub = json_is_true(dub);
   if (!json_is_number(bound)) ERN_TRY(wrong_field(context, path, "bound"));
   config->bound = (float)json_number_value(bound);
   if (json_is_string(clip)) snprintf(identity->clip, sizeof identity->clip, "%s", json_string_value(clip));
@@ -435,6 +439,7 @@ ern_status ern_model_from_file(ern_model **model, ern_context *context, const st
   memcpy(made->speech, identity.speech, sizeof made->speech);
   memcpy(made->speech_network, identity.speech_network, sizeof made->speech_network);
   memcpy(made->consent, identity.consent, sizeof made->consent);
+  made->dub = identity.dub;
   for (int r = 0; r < made->table.rows; r++) {
     const struct ern_parameter *row = &made->table.row[r];
     ERN_TRY(ern_tensor_take(context, file, path, row->name, row->dims, row->shape, made->block + row->at));

@@ -141,6 +141,7 @@ ern_status ern_renderer_create(ern_renderer **renderer, ern_backend *backend, co
   made->backend = backend;
   made->model = model;
   made->field = model->field;
+  if (chosen.no_torso) made->field.config.torso = false;
   made->options = chosen;
   ERN_TRY(backend->stream_make(backend, chosen.threads, &made->stream));
   ERN_TRY(upload_model(made));

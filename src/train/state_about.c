@@ -13,7 +13,7 @@
 #include "core/memory.h"
 #include "io/number.h"
 
-static const char *const ray_samplings[] = {"uniform", "regions"};
+static const char *const ray_samplings[] = {"uniform", "regions", "dub"};
 
 const char *ern_ray_sampling_name(ern_ray_sampling sampling) {
   const int index = (int)sampling;

@@ -441,6 +441,7 @@ ern_status ern_trainer_model(ern_trainer *t, ern_model **model) {
   memcpy((*model)->speech, t->model->speech, sizeof(*model)->speech);
   memcpy((*model)->speech_network, t->model->speech_network, sizeof(*model)->speech_network);
   memcpy((*model)->consent, t->model->consent, sizeof(*model)->consent);
+  (*model)->dub = t->model->dub;
   return ERN_OK;
 }
 

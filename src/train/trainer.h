@@ -14,6 +14,8 @@
 #define ERN_EYES_SHARE 0.1f
 #define ERN_SILHOUETTE_SHARE 0.1f
 #define ERN_HEAD_SHARE 0.2f
+#define ERN_DUB_LOWER_FACE_SHARE 0.4f /* of ERN_RAY_SAMPLING_DUB */
+#define ERN_DUBBED_SHARE 0.55f
 #define ERN_BLINK_SHARE 0.1f
 
 enum {
@@ -178,8 +180,9 @@ size_t ern_trainer_most_rays(const ern_trainer *t); /* of any step */
 size_t ern_trainer_step_frames(const ern_trainer *t);
 size_t ern_trainer_step_rays(const ern_trainer *t);
 size_t ern_trainer_step_patches(const ern_trainer *t); /* 0: its rays are no patches */
-/* Pixels of patches [first, first + count) of the step, one patch after the other. lips: of the frame */
-void ern_trainer_place_patches(const ern_trainer *t, const ern_box *lips, size_t first, size_t count, int32_t *pixel);
+/* Pixels of patches [first, first + count) of the step, one patch after the other. about: the frame */
+void ern_trainer_place_patches(const ern_trainer *t, const ern_dataset_frame *about, size_t first, size_t count,
+                               int32_t *pixel);
 
 /* trainer.c: forward and backward of a batch, added to gradient and sum. */
 ERN_NODISCARD ern_status ern_trainer_batch_step(ern_trainer *t, struct ern_batch *batch, struct ern_step_sum *sum);

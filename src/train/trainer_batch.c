@@ -53,7 +53,7 @@ struct draw {
   const uint8_t *truth, *torso; /* torso NULL: none */
   const uint8_t *head;          /* as of ern_dataset.head; NULL: not known, or not asked for */
   const ern_dataset_frame *about;
-  struct region lower_face, eyes;
+  struct region lower_face, eyes, dubbed;
   struct part silhouette, whole_head;
   uint32_t side, across, tiles; /* of a tile; tiles a row, in all */
   int32_t *pixel;               /* [rays], as drawn */
@@ -83,9 +83,12 @@ static struct region region_of(const ern_trainer *t, const ern_box *box) {
 
 static void find_regions(struct draw *draw) {
   const ern_trainer *t = draw->t;
-  if (t->config.torso || t->config.ray_sampling != ERN_RAY_SAMPLING_REGIONS) return;
+  if (t->config.torso || t->config.ray_sampling == ERN_RAY_SAMPLING_UNIFORM) return;
   draw->lower_face = region_of(t, &draw->about->lower_face);
-  if (t->data.has_eye) draw->eyes = region_of(t, &draw->about->eyes);
+  if (t->config.ray_sampling == ERN_RAY_SAMPLING_DUB)
+    draw->dubbed = region_of(t, &draw->about->dubbed);
+  else if (t->data.has_eye)
+    draw->eyes = region_of(t, &draw->about->eyes);
 }
 
 static bool is_known(uint8_t of_head) { return of_head == 0 || of_head == 255; }
@@ -131,6 +134,14 @@ static int32_t pixel_of_part(const struct draw *draw, const struct part *part, u
   return (int32_t)(row * width + column);
 }
 
+static const struct region *region_at(const struct draw *draw, float at) {
+  if (draw->t->config.ray_sampling == ERN_RAY_SAMPLING_DUB)
+    return at < ERN_DUB_LOWER_FACE_SHARE                      ? &draw->lower_face
+           : at < ERN_DUB_LOWER_FACE_SHARE + ERN_DUBBED_SHARE ? &draw->dubbed
+                                                              : NULL;
+  return at < ERN_LOWER_FACE_SHARE ? &draw->lower_face : at >= 1 - ERN_EYES_SHARE ? &draw->eyes : NULL;
+}
+
 /* word[2] chooses the region, so that a missing region does not change the rays of the others. */
 static int32_t draw_pixel(const struct draw *draw, const struct ern_random *random) {
   const uint32_t width = (uint32_t)draw->t->data.width, height = (uint32_t)draw->t->data.height;
@@ -142,9 +153,7 @@ static int32_t draw_pixel(const struct draw *draw, const struct ern_random *rand
                                                                 : NULL;
   if (part != NULL && part->above != NULL && part->above[height] > 0)
     return pixel_of_part(draw, part, ern_below(random->word[0], part->above[height]));
-  const struct region *in = at < ERN_LOWER_FACE_SHARE  ? &draw->lower_face
-                            : at >= 1 - ERN_EYES_SHARE ? &draw->eyes
-                                                       : NULL;
+  const struct region *in = region_at(draw, at);
   if (in == NULL || in->width == 0) return (int32_t)ern_below(random->word[0], width * height);
   const uint32_t place = ern_below(random->word[0], in->width * in->height);
   return (int32_t)((in->top + place / in->width) * width + in->left + place % in->width);
@@ -261,7 +270,7 @@ static void fill_patches_task(void *user, size_t shard, int worker) {
 
 /* In the fine stage: draws `count` patches of the step from number `first` on. */
 static void draw_patches(struct draw *draw, size_t first, size_t count) {
-  ern_trainer_place_patches(draw->t, &draw->about->lips, first, count, draw->t->host_pixels);
+  ern_trainer_place_patches(draw->t, draw->about, first, count, draw->t->host_pixels);
   ern_pool_run(draw->t->pool, ERN_SHARDS, fill_patches_task, draw);
 }
 

@@ -135,16 +135,21 @@ static int begin_around(int middle, int side, int size) {
   return begin < 0 ? 0 : begin > size - side ? size - side : begin;
 }
 
-void ern_trainer_place_patches(const ern_trainer *t, const ern_box *lips, size_t first, size_t count, int32_t *pixel) {
+/* Patches lie around pixels of the lips in odd steps, and in even ones, of a training for ern_dub_frame, of what that
+ * draws; around any pixel without such a box. */
+void ern_trainer_place_patches(const ern_trainer *t, const ern_dataset_frame *about, size_t first, size_t count,
+                               int32_t *pixel) {
+  const bool dub = t->config.ray_sampling == ERN_RAY_SAMPLING_DUB;
+  const ern_box *box = t->step % 2 == 1 ? &about->lips : &about->dubbed;
   const int side = t->config.patch_size, width = t->data.width, height = t->data.height;
-  const int box_left = lips->left > 0 ? lips->left : 0, box_right = lips->right < width ? lips->right : width;
-  const int box_top = lips->top > 0 ? lips->top : 0, box_bottom = lips->bottom < height ? lips->bottom : height;
-  const bool mouth = t->step % 2 == 1 && box_left < box_right && box_top < box_bottom;
+  const int box_left = box->left > 0 ? box->left : 0, box_right = box->right < width ? box->right : width;
+  const int box_top = box->top > 0 ? box->top : 0, box_bottom = box->bottom < height ? box->bottom : height;
+  const bool around = (dub || t->step % 2 == 1) && box_left < box_right && box_top < box_bottom;
   for (size_t p = 0; p < count; p++) {
     const struct ern_random random = ern_random_at(t->config.seed, t->step, (uint32_t)(first + p), ERN_RNG_PATCH);
     int left = (int)ern_below(random.word[0], (uint32_t)(width - side + 1));
     int top = (int)ern_below(random.word[1], (uint32_t)(height - side + 1));
-    if (mouth) {
+    if (around) {
       left = begin_around(box_left + (int)ern_below(random.word[0], (uint32_t)(box_right - box_left)), side, width);
       top = begin_around(box_top + (int)ern_below(random.word[1], (uint32_t)(box_bottom - box_top)), side, height);
     }

@@ -100,7 +100,7 @@ static ern_status check_config(ern_context *context, const ern_train_config *c) 
   if ((int)c->precision < ERN_PRECISION_DEFAULT || (int)c->precision > ERN_PRECISION_AUTO)
     return ern_fail(context, ERN_E_ARGUMENT, "train: precision is %d, expected 0 to 3", (int)c->precision);
   if (ern_ray_sampling_name(c->ray_sampling) == NULL)
-    return ern_fail(context, ERN_E_ARGUMENT, "train: ray_sampling is %d, expected 0 or 1", (int)c->ray_sampling);
+    return ern_fail(context, ERN_E_ARGUMENT, "train: ray_sampling is %d, expected 0 to 2", (int)c->ray_sampling);
   return ERN_OK;
 }
 
@@ -313,6 +313,8 @@ static ern_status make_model(ern_trainer *t) {
   ERN_TRY(ern_model_make(&t->model, t->context, &config));
   t->model->view = ern_trainer_view_settings(t);
   memcpy(t->model->clip, t->identity, sizeof t->model->clip);
+  t->model->dub =
+      t->config.torso ? t->config.head != NULL && t->config.head->dub : t->config.ray_sampling == ERN_RAY_SAMPLING_DUB;
   ERN_TRY(take_speech(t));
   if (t->config.consent != NULL)
     snprintf(t->model->consent, sizeof t->model->consent, "%s", t->config.consent);

@@ -45,7 +45,8 @@ fail:
   return status;
 }
 
-static ern_status render(ern_trainer *t, struct look *look, int split, size_t frame, const uint8_t **truth) {
+static ern_status render(ern_trainer *t, struct look *look, int split, size_t frame, const uint8_t **truth,
+                         double *psnr) {
   const uint8_t *torso = NULL;
   struct ern_view view;
   ern_dataset_frame about;
@@ -72,6 +73,8 @@ static ern_status render(ern_trainer *t, struct look *look, int split, size_t fr
   }
   const ern_frame_output output = {.rgb = look->rgb, .attention = look->attention, .eye = look->eye};
   ERN_TRY(ern_renderer_frame(look->renderer, &input, &output, NULL));
+  const bool dub = !t->config.torso && t->config.ray_sampling == ERN_RAY_SAMPLING_DUB && about.dubbed.right > 0;
+  *psnr = ern_psnr(look->rgb, *truth, view.width, view.height, dub ? &about.dubbed : NULL);
 fail:
   return status;
 }
@@ -122,8 +125,9 @@ ern_status ern_trainer_validate(ern_trainer *t, const ern_train_hooks *hooks, do
   for (size_t k = 0; k < count; k++) {
     const uint8_t *truth = NULL;
     const size_t frame = split == 1 ? k * all / count : t->config.data_begin;
-    ERN_TRY(render(t, &look, split, frame, &truth));
-    *psnr += ern_psnr(look.rgb, truth, t->data.width, t->data.height, NULL) / (double)count;
+    double found = 0;
+    ERN_TRY(render(t, &look, split, frame, &truth, &found));
+    *psnr += found / (double)count;
     if (k == 0) draw(t, &look, truth);
     if (hooks->validation_frame == NULL) continue;
     ern_error_keep(t->context, before);

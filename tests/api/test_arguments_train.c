@@ -81,7 +81,8 @@ CHECK(ern_train_config_fill) { FILLS(ern_train_config, ern_train_config_fill); }
 CHECK(ern_ray_sampling_name) {
   assert_string_equal(ern_ray_sampling_name(ERN_RAY_SAMPLING_UNIFORM), "uniform");
   assert_string_equal(ern_ray_sampling_name(ERN_RAY_SAMPLING_REGIONS), "regions");
-  assert_null(ern_ray_sampling_name((ern_ray_sampling)2));
+  assert_string_equal(ern_ray_sampling_name(ERN_RAY_SAMPLING_DUB), "dub");
+  assert_null(ern_ray_sampling_name((ern_ray_sampling)3));
   assert_null(ern_ray_sampling_name((ern_ray_sampling)-1));
 }
 CHECK(ern_train_config_default) { assert_int_not_equal(ern_train_config_default().cookie, 0); }
@@ -123,7 +124,7 @@ static void check_configs(void) {
   REFUSED_CONFIG(data_end, 99, "frames 0 to 99");
   REFUSED_CONFIG(refresh_every, 2000000000000, "refresh_every is 2e+12");
   REFUSED_CONFIG(precision, (ern_precision)9, "precision is 9");
-  REFUSED_CONFIG(ray_sampling, (ern_ray_sampling)2, "ray_sampling is 2");
+  REFUSED_CONFIG(ray_sampling, (ern_ray_sampling)3, "ray_sampling is 3");
   REFUSED_CONFIG(seconds, -1, "seconds is -1");
   REFUSED_CONFIG(frames_per_step, 0, "frames_per_step is 0, expected 1 to 64");
   REFUSED_CONFIG(frames_per_step, ERN_FRAMES_PER_STEP_MOST + 1, "frames_per_step is 65");

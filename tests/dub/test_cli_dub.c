@@ -95,6 +95,27 @@ static void test_dub(void **state) {
   ern_context_free(&context);
 }
 
+/* A head for dubbing says so; what renders it warns; it is no head of a portrait. */
+static void test_for_dub(void **state) {
+  (void)state;
+  cli_run(&cli,
+          "train clip -o for.safetensors --for dub --iters 5 --rays 256 --levels 2 --validate-frames 1 --asr_model "
+          "cepstra --json for.json");
+  cli_expect(&cli, 0, NULL);
+  cli_run(&cli, "info for.safetensors");
+  cli_expect(&cli, 0, NULL);
+  assert_non_null(strstr(cli.out, "use it for       dub"));
+  cli_run(&cli, "eval for.safetensors clip --frames 0:1");
+  cli_expect(&cli, 0, "was trained for `ernerf dub`: outside the lower face it is blurred", NULL);
+  cli_run(&cli, "dub for.safetensors clip.mp4 --clip clip --audio clip/aud.wav -o for.mp4 --frames 0:1");
+  cli_expect(&cli, 0, NULL);
+  assert_null(strstr(cli.err, "blurred"));
+  cli_run(&cli, "train clip -o for.safetensors --for dub --time 10s --torso_shrink 0.7");
+  cli_expect(&cli, 2, "--torso_shrink is about the torso, which --for dub lacks", NULL);
+  cli_run(&cli, "train clip -o for.safetensors --for dub --ray-sampling uniform");
+  cli_expect(&cli, 2, "--ray-sampling and --for both choose rays", NULL);
+}
+
 static void test_refused(void **state) {
   (void)state;
 #define DUB "dub h.safetensors clip.mp4 --clip clip --audio "
@@ -127,6 +148,7 @@ static void test_refused(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_dub), cmocka_unit_test(test_refused)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_dub), cmocka_unit_test(test_for_dub),
+                                     cmocka_unit_test(test_refused)};
   return cmocka_run_group_tests(tests, make_all, NULL);
 }

@@ -110,7 +110,7 @@ static void test_file_beside(void **state) {
   assert_string_equal(member(about, "digital_source_type"), "compositeWithTrainedAlgorithmicMedia"); /* its torso */
   json_decref(about);
   support_clear("v.mp4");
-  cli_run(&cli, "render t.safetensors --clip clip --frames 0:2 --bg_img white -o v.mp4 --quiet");
+  cli_run(&cli, "render t.safetensors --clip clip --torso model --frames 0:2 --bg_img white -o v.mp4 --quiet");
   cli_expect(&cli, 0, NULL);
   about = cli_json(&cli, "v.mp4.provenance.json");
   assert_string_equal(member(about, "digital_source_type"), "trainedAlgorithmicMedia");

@@ -247,7 +247,7 @@ static void test_public_options(void **state) {
       assert_null(strstr(cli.err, "nearest"));
     }
   static const char *const others[][2] = {{"render m.safetensors --iters 5", "option of `ernerf train`"},
-                                          {"eval m.safetensors clip --torso", "option of `ernerf train`"},
+                                          {"eval m.safetensors clip --ind_num 5", "option of `ernerf train`"},
                                           {"render m.safetensors --seed 1", "drawing takes no random numbers"},
                                           {"eval m.safetensors clip --seed 1", "drawing takes no random numbers"},
                                           {"train clip --smooth_eye", "option of `ernerf render`"},

@@ -71,6 +71,27 @@ static void test_share_of_the_lower_face(void **state) {
   }
 }
 
+/* Of a head for dubbing: two boxes, each with its share, whether or not the other one is known. */
+static void test_shares_of_a_dubbed_face(void **state) {
+  (void)state;
+  const ern_box face = {10, 18, 4, 16}, dubbed[] = {{6, 20, 2, 18}, {-5, 40, -4, 40}, {0, 0, 0, 0}};
+  int count[PIXELS];
+  for (size_t i = 0; i < sizeof dubbed / sizeof *dubbed; i++) {
+    made.lower_face = face;
+    made.dubbed = dubbed[i];
+    double area = 0, lower = (double)ERN_DUB_LOWER_FACE_SHARE, wide = (double)ERN_DUBBED_SHARE;
+    for (int pixel = 0; pixel < PIXELS; pixel++) area += is_in(dubbed[i], pixel);
+    if (area == 0) wide = 0;
+    count_rays(ERN_RAY_SAMPLING_DUB, NULL, count);
+    for (int pixel = 0; pixel < PIXELS; pixel++) {
+      const double expected = RAYS * ((1 - lower - wide) / PIXELS + (is_in(face, pixel) ? lower / (8 * 12) : 0) +
+                                      (is_in(dubbed[i], pixel) ? wide / area : 0));
+      if (fabs(count[pixel] - expected) > 6 * sqrt(expected) + 1)
+        fail_msg("pixel %d: %d rays, expected %.1f", pixel, count[pixel], expected);
+    }
+  }
+}
+
 /* Eyes have a share of their own beside the lower face's, where the clip has eye values. */
 static void test_share_of_the_eyes(void **state) {
   (void)state;
@@ -329,14 +350,11 @@ static void test_resumed_parts(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_share_of_the_lower_face),
-                                     cmocka_unit_test(test_share_of_the_eyes),
-                                     cmocka_unit_test(test_shares_of_the_head),
-                                     cmocka_unit_test(test_no_face_in_the_frame),
-                                     cmocka_unit_test(test_uniform_and_torso),
-                                     cmocka_unit_test(test_parts_of_one_frame),
-                                     cmocka_unit_test(test_frames_with_shut_eyes),
-                                     cmocka_unit_test(test_frames_of_a_step),
-                                     cmocka_unit_test(test_resumed_parts)};
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test(test_share_of_the_lower_face), cmocka_unit_test(test_shares_of_a_dubbed_face),
+      cmocka_unit_test(test_share_of_the_eyes),       cmocka_unit_test(test_shares_of_the_head),
+      cmocka_unit_test(test_no_face_in_the_frame),    cmocka_unit_test(test_uniform_and_torso),
+      cmocka_unit_test(test_parts_of_one_frame),      cmocka_unit_test(test_frames_with_shut_eyes),
+      cmocka_unit_test(test_frames_of_a_step),        cmocka_unit_test(test_resumed_parts)};
   return cmocka_run_group_tests(tests, open_clip, close_clip);
 }

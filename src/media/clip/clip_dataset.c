@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT
  * A clip as the data set of the trainer. */
+#include <math.h>
 #include <string.h>
 
 #include "core/sized.h"
@@ -18,6 +19,17 @@ static ern_box box_of(const float (*landmarks)[2], int begin, int end) {
   return (ern_box){.top = (int)low[1], .bottom = (int)high[1], .left = (int)low[0], .right = (int)high[0]};
 }
 
+/* The jaw below the ears up to the bridge of the nose, as in the mask of ern_dub_frame, and a margin for its soft edge.
+ */
+static ern_box dubbed_of(const float (*landmarks)[2]) {
+  const float width = hypotf(landmarks[16][0] - landmarks[0][0], landmarks[16][1] - landmarks[0][1]);
+  const int margin = (int)(0.08F * fminf(width, ERN_IMAGE_MAX_SIDE));
+  ern_box box = box_of(landmarks, 2, 15);
+  if ((int)landmarks[29][1] < box.top) box.top = (int)landmarks[29][1];
+  return (ern_box){
+      .top = box.top - margin, .bottom = box.bottom + margin, .left = box.left - margin, .right = box.right + margin};
+}
+
 static ern_status frame(void *user, int split, size_t index, ern_dataset_frame *out) {
   const ern_clip_frame *from = ern_clip_frame_at(user, (ern_split)split, index);
   *out = (ern_dataset_frame){.aud_id = from->pose.aud_id, .eye = from->eye, .has_face = from->has_landmarks};
@@ -26,6 +38,7 @@ static ern_status frame(void *user, int split, size_t index, ern_dataset_frame *
   out->face = box_of(from->landmarks, 0, 68);
   out->lower_face = box_of(from->landmarks, 2, 15);  /* the jaw below the ears */
   out->lower_face.top = (int)from->landmarks[33][1]; /* the base of the nose */
+  out->dubbed = dubbed_of(from->landmarks);
   out->lips = box_of(from->landmarks, 48, 68);
   out->eyes = box_of(from->landmarks, 36, 48);
   const int lids = (out->eyes.right - out->eyes.left) / 8; /* above and below: an eye is a third of the box wide */

@@ -139,7 +139,7 @@ static int open_all(struct dub_job *job, const struct args *args) {
   struct session *session = &job->session;
   struct portrait *portrait = &job->portrait;
   if (!session_folder_there(job->out)) return session_fail_with(session, "%s: its folder is not there", job->out);
-  portrait->other_speech = true;
+  portrait->other_speech = portrait->dubs = portrait->render.no_torso = true;
   int status = sink_check(&job->sink, session, NULL);
   if (status == 0) status = provenance_check(&job->provenance, session, job->out);
   if (status == 0) status = recorded_video_open(&job->video, session, job->video_path, portrait->source.path);

@@ -36,6 +36,7 @@ int evaluate_open_portrait(struct evaluation *evaluation, struct portrait *portr
                            portrait->scale, (ern_audio_pad)portrait->audio_pad);
   if (status != 0) return status;
   evaluation->measures = measures;
+  evaluation->recorded_torso = portrait->render.no_torso;
   measures->flow = session->context;
   const ern_features *features = evaluation->features;
   if (ern_renderer_accepts(portrait->renderer, features, portrait->features_path) != ERN_OK)
@@ -61,8 +62,9 @@ int evaluate_input(struct evaluation *evaluation, const ern_model *model, size_t
   const uint8_t *torso = NULL;
   ern_model_info about;
   ern_model_describe(model, &about);
-  if (!about.has_torso && background_torso(&evaluation->background, evaluation->session, evaluation->clip,
-                                           source_frame->split, source_frame->index, &torso) != 0)
+  const bool behind = evaluation->recorded_torso || !about.has_torso;
+  if (behind && background_torso(&evaluation->background, evaluation->session, evaluation->clip, source_frame->split,
+                                 source_frame->index, &torso) != 0)
     return EXIT_FAILURE;
   frame_source_windows(&evaluation->frame_source, k, evaluation->features, evaluation->pad, evaluation->windows);
   const ern_camera camera = frame_source_camera(&evaluation->frame_source, k, evaluation->scale, evaluation->info.width,

@@ -23,6 +23,7 @@ struct evaluation {
   ern_audio_pad pad;
   struct frame_source frame_source;
   struct background background;
+  bool recorded_torso; /* a torso of the model is not drawn, but the frame's torso picture; false */
   float *windows, refined[16];
   const float *head_pose;    /* [16] used by evaluate_input in place of the frame's; NULL, the default: the frame's */
   float *rgb;                /* [height][width][3], drawn last; rgba likewise */

@@ -432,6 +432,7 @@ int cmd_bench(int argc, char **argv) {
                  {"Where:", place, PLACE_OPTIONS},
                  {"Common:", common, SESSION_OUTPUT_OPTIONS}}};
   portrait_options(&job.portrait, FRAME_SOURCE_ALL, unused);
+  job.portrait.torso = PORTRAIT_TORSO_MODEL;
   own_options(&job, own);
   place_options(&job, place);
   session_output_options(&job.session, common);

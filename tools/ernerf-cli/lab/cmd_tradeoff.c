@@ -92,6 +92,7 @@ static int open_all(struct tradeoff *t, const struct args *args) {
   ern_renderer_free(&portrait->renderer); /* each point has its own renderer */
   status = evaluate_open(&t->evaluation, session, portrait->clip, split, portrait->scale,
                          (ern_audio_pad)portrait->audio_pad);
+  t->evaluation.recorded_torso = portrait->render.no_torso;
   if (status == 0) status = frame_source_of_clip(&t->speech, session, portrait->clip, split);
   if (status == 0) status = tradeoff_measure_open(t, args);
   t->made_folder = access(t->folder, F_OK) != 0;

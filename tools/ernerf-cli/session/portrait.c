@@ -68,6 +68,12 @@ void portrait_options(struct portrait *portrait, enum frame_source_split split,
        .high = 1e6,
        .help = "skip the cells of the occupancy grid whose density, per scene unit, is below X in all frames of this "
                "speech, such as 0.1 (default 0: none)"},
+      {.name = "torso",
+       .kind = OPTION_CHOICE,
+       .target = &portrait->torso,
+       .choices = "recorded|model",
+       .help = "the torso below a head that has the clip's own poses: recorded: the clip's torso pictures, where there "
+               "are some; model: that of the model, where it has one (default recorded)"},
       {.name = "torso_shrink",
        .kind = OPTION_FLOAT,
        .target = &render->torso_shrink,
@@ -147,9 +153,24 @@ static int open_model(struct portrait *portrait, struct session *session, const 
   if (ern_model_load(&portrait->model, session->context, portrait->model_path) != ERN_OK) return session_fail(session);
   ern_model_describe(portrait->model, &portrait->info);
   take_view(portrait, session, args);
+  if (portrait->info.dub && !portrait->dubs)
+    session_warn(session, "%s: was trained for `ernerf dub`: outside the lower face it is blurred",
+                 portrait->model_path);
   if (args_given(args, "torso_shrink") && !portrait->info.has_torso)
     session_warn(session, "--torso_shrink changes nothing: %s has no torso", portrait->model_path);
   return 0;
+}
+
+/* A torso of the model is left out where the clip's pictures show it. */
+static void choose_torso(struct portrait *portrait, struct session *session, const struct args *args) {
+  const bool moved = args_given(args, "rotate") || args_given(args, "hold_pose") || args_given(args, "smooth_path");
+  const bool recorded = portrait->torso == PORTRAIT_TORSO_RECORDED && (!moved || args_given(args, "torso"));
+  if (!recorded || portrait->clip == NULL || !portrait->clip_info.has_torso || !portrait->info.has_torso) return;
+  if (!portrait->dubs)
+    session_note(session, "%s: below the head are the torso pictures of %s; --torso model draws the model's torso",
+                 portrait->model_path, portrait->source.path);
+  portrait->render.no_torso = true;
+  portrait->info.has_torso = false;
 }
 
 static int check_identity(struct portrait *portrait, struct session *session) {
@@ -219,6 +240,7 @@ int portrait_open(struct portrait *portrait, struct session *session, const stru
     status = speech_model_open(&portrait->source.speech_model, session, portrait->model_path, &portrait->info);
   if (status == 0 && portrait->source.path != NULL) status = open_clip(portrait, session);
   if (status != 0) return status;
+  choose_torso(portrait, session, args);
   portrait->render.threads = session->threads;
   if (session->backend == NULL && session_backend(session) != ERN_OK) return session_fail(session);
   if (ern_renderer_create(&portrait->renderer, session->backend, portrait->model, &portrait->render) != ERN_OK)

@@ -10,29 +10,37 @@
 #include "session/frame_source.h"
 #include "session/session.h"
 
+/* The torso below the head. */
+enum portrait_torso {
+  PORTRAIT_TORSO_RECORDED, /* the clip's pictures, where there are some and the head has recorded poses */
+  PORTRAIT_TORSO_MODEL     /* the model's, where it has one */
+};
+
 struct portrait {
   const char *model_path;
   /* from the command line */
   ern_render_options render;
   float scale, occupancy_threshold;
   int audio_pad, split; /* ern_audio_pad, enum frame_source_split */
+  int torso;            /* enum portrait_torso */
   struct range frames;
   struct clip_source source; /* source.path NULL: no clip */
   bool force;
+  bool dubs;         /* set by the verb: a head that was trained for dubbing is what it wants */
   bool other_speech; /* set by the verb: other sound than the clip's drives the model; the clip only serves to learn
                         silence */
   /* made */
   ern_model *model;
-  ern_model_info info;
+  ern_model_info info; /* has_torso: the model's torso is drawn */
   ern_clip *clip;
   ern_clip_info clip_info;
   char features_path[4096]; /* of the clip's features, for messages */
   ern_renderer *renderer;
 };
 
-enum { PORTRAIT_OPTIONS = 12 + CLIP_SOURCE_OPTIONS };
+enum { PORTRAIT_OPTIONS = 13 + CLIP_SOURCE_OPTIONS };
 /* The defaults, and --split --frames --audio-pad --max_steps --dt_gamma --transmittance_stop --occupancy_threshold
- * --torso_shrink --scale --image_scale --smooth_lips --force, and those of a clip's source. */
+ * --torso --torso_shrink --scale --image_scale --smooth_lips --force, and those of a clip's source. */
 void portrait_options(struct portrait *portrait, enum frame_source_split split,
                       struct option options[PORTRAIT_OPTIONS]);
 

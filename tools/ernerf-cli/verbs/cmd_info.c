@@ -135,13 +135,13 @@ static json_t *effects_of(const ern_model_info *info) {
 
 /* The verbs that accept the file. */
 static json_t *uses_of(const struct tensor_list *tensors, const ern_model_info *info) {
-  json_t *uses = json_pack("[s, s]", "render", "eval");
+  json_t *uses = info->dub ? json_pack("[s]", "dub") : json_pack("[s, s]", "render", "eval");
   if (info->has_view && info->backbone == ERN_BACKBONE_TRIHASH && info->attention == ERN_ATTENTION_CHANNEL &&
       info->eye_attention == ERN_EYE_ATTENTION_SIGMOID)
     json_array_append_new(uses, json_string("convert")); /* PyTorch files hold no other effect */
   json_array_append_new(
       uses, json_string(tensors->moments > 0 ? "train --from: goes on at its step" : "train --from: its weights"));
-  if (!info->has_torso) json_array_append_new(uses, json_string("train --torso --head"));
+  if (!info->has_torso && !info->dub) json_array_append_new(uses, json_string("train --torso --head"));
   return uses;
 }
 
@@ -236,7 +236,7 @@ static int describe_model(struct session *session, const char *path) {
       session,
       json_pack("{s:o, s:s, s:I, s:I, s:I, s:s, s:s, s:s, s:i, s:o, s:i, s:i, s:s, s:o, s:i, s:b, s:f, s:o, s:s, s:s, "
                 "s:I, s:I, "
-                "s:I, s:o, s:{s:I, s:I}, s:o}",
+                "s:I, s:b, s:o, s:{s:I, s:I}, s:o}",
                 "file", session_text(path), "kind", kind, "step", (json_int_t)step, "head_steps",
                 (json_int_t)info.head_steps, "torso_steps", (json_int_t)info.torso_steps, "backbone",
                 ern_backbone_name(info.backbone), "attention", ern_attention_name(info.attention), "eye_attention",
@@ -245,8 +245,8 @@ static int describe_model(struct session *session, const char *path) {
                 network != NULL ? network : json_null(), "codes", info.codes, "torso_gamma", info.has_gamma, "bound",
                 (double)info.bound, "view", view_json(&info), "clip", info.clip, "consent", info.consent, "parameters",
                 (json_int_t)info.parameters, "parameter_bytes", (json_int_t)info.parameter_bytes, "cameras",
-                (json_int_t)info.cameras, "uses", uses, "state", "optimizer_tensors", (json_int_t)tensors.moments,
-                "average_tensors", (json_int_t)tensors.averages, "tensors", tensors.list));
+                (json_int_t)info.cameras, "dub", info.dub, "uses", uses, "state", "optimizer_tensors",
+                (json_int_t)tensors.moments, "average_tensors", (json_int_t)tensors.averages, "tensors", tensors.list));
 }
 
 /* ---- other files ------------------------------------------------------------------------------------------------- */

@@ -43,9 +43,13 @@ static int check_usage(struct train_job *job, const struct args *args) {
   if (status < 0 && config->torso)
     status = args_forbid(
         args,
-        "levels bound ind_num effects backbone attention eye-attention ray-sampling head-background refine-poses "
+        "for levels bound ind_num effects backbone attention eye-attention ray-sampling head-background refine-poses "
         "no-refine-poses " FINE_STAGE_NAMES " " SPEECH_AUGMENTATION_NAMES,
         "is about the head, which --torso does not change");
+  if (status < 0 && args_given(args, "for")) status = args_forbid(args, "ray-sampling", "and --for both choose rays");
+  if (status < 0 && job->purpose == FOR_DUB)
+    status =
+        args_forbid(args, "torso-gamma torso_shrink torso-background", "is about the torso, which --for dub lacks");
   if (status < 0 && job->source.features != NULL)
     status = args_forbid(args, "asr_model", "chooses the clip's speech, not --audio");
   if (status < 0 && (job->backbone == ERN_BACKBONE_TRIPLANE || job->backbone == ERN_BACKBONE_MLP))
@@ -116,7 +120,7 @@ static void take_effects(struct train_job *job, const struct args *args, ern_dat
 /* The schedule of the public code for the coarse stage; iters and rays are the defaults. */
 static void follow_paper(const struct args *args, ern_train_config *config) {
   if (!args_given(args, "refresh-every")) config->refresh_every = 16;
-  if (!args_given(args, "ray-sampling")) config->ray_sampling = ERN_RAY_SAMPLING_UNIFORM;
+  if (!args_given(args, "ray-sampling") && !args_given(args, "for")) config->ray_sampling = ERN_RAY_SAMPLING_UNIFORM;
   if (!args_given(args, "torso-background")) config->torso_random_background = false;
   if (!args_given(args, "head-background")) config->head_random_background = false;
 }
@@ -164,6 +168,8 @@ static void fill_config(struct train_job *job, const struct args *args) {
   config->audio_pad = (ern_audio_pad)job->audio_pad;
   if (args_given(args, "ray-sampling"))
     config->ray_sampling = job->ray_sampling == 0 ? ERN_RAY_SAMPLING_REGIONS : ERN_RAY_SAMPLING_UNIFORM;
+  if (args_given(args, "for"))
+    config->ray_sampling = job->purpose == FOR_DUB ? ERN_RAY_SAMPLING_DUB : ERN_RAY_SAMPLING_REGIONS;
   if (args_given(args, "head-background")) config->head_random_background = job->head_background == 0;
   if (args_given(args, "torso-background")) config->torso_random_background = job->torso_background == 0;
   fine_stage_choose(&job->fine, args, job->has_state, config);
@@ -307,6 +313,9 @@ static int open_all(struct train_job *job, const struct args *args) {
   if (status == 0) status = fine_stage_open(&job->fine, session, &job->config);
   if (status != 0) return status;
   if ((status = choose_effects(job)) != 0) return status;
+  if (job->config.ray_sampling == ERN_RAY_SAMPLING_DUB && !job->config.torso && !job->clip_info.has_landmarks)
+    return session_fail_with(session, "%s: has no landmarks (ori_imgs/ID.lms), and --for dub needs them",
+                             job->source.path);
   if (args_given(args, "head-background") && job->head_background == 0 && !job->clip_info.has_parsing)
     return session_fail_with(session, "%s/parsing: is missing, and --head-background random needs it",
                              job->source.path);

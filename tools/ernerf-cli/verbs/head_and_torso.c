@@ -71,7 +71,12 @@ int head_and_torso_check(struct train_job *job) {
 }
 
 int head_and_torso_plan(struct train_job *job, const struct args *args) {
-  if (!job->effects.has[EFFECT_TORSO]) {
+  const bool dub = job->config.ray_sampling == ERN_RAY_SAMPLING_DUB;
+  if (dub && job->config.output == job->head_output)
+    return session_fail_with(&job->session,
+                             "%s: is the head of a portrait, and --for dub trains no torso; expected another -o",
+                             job->head_output);
+  if (!job->effects.has[EFFECT_TORSO] || dub) {
     const int status =
         args_forbid(args, "torso-gamma torso_shrink torso-background", "is about the torso, and there is none");
     return status < 0 ? 0 : status;

@@ -51,7 +51,7 @@ void inherit_state(const struct args *args, const ern_train_state *state, const 
     config->frames_per_step = state->frames_per_step;
   if (!args_given(args, "prune-occupancy")) config->prune_share = state->prune_share;
   if (!args_given(args, "step-parts")) config->step_parts = state->step_parts;
-  if (!args_given(args, "ray-sampling")) config->ray_sampling = state->ray_sampling;
+  if (!args_given(args, "ray-sampling") && !args_given(args, "for")) config->ray_sampling = state->ray_sampling;
   if (!args_given(args, "stage") && !args_given(args, "fine-steps")) {
     config->fine_steps = config->seconds > 0 ? 0 : state->fine_steps;
     config->fine_share = state->fine_share;

@@ -20,6 +20,13 @@ void train_goal_options(struct train_job *job, struct option options[TRAIN_GOAL_
        .target = &config->output,
        .choices = "X.safetensors",
        .help = "the model; state, log and pictures go to the folder X.run beside it"},
+      {.name = "for",
+       .kind = OPTION_CHOICE,
+       .target = &job->purpose,
+       .choices = "portrait|dub",
+       .help = "portrait: a model that renders whole pictures; dub: a head for `ernerf dub` alone, which learns the "
+               "lower face and spends 95 % of its rays there (needs landmarks; default portrait, with --resume as "
+               "before)"},
       {.name = "torso",
        .kind = OPTION_FLAG,
        .target = &config->torso,

@@ -16,10 +16,12 @@
 #include "verbs/validations.h"
 
 enum {
-  TRAIN_GOAL_OPTIONS = 24,
+  TRAIN_GOAL_OPTIONS = 25,
   TRAIN_NUMBER_OPTIONS = 28,
   TRAIN_CLIP_OPTIONS = 1 + CLIP_SOURCE_OPTIONS + SPEECH_AUGMENTATION_OPTIONS
 };
+
+enum { FOR_PORTRAIT, FOR_DUB };
 
 struct train_job {
   struct session session;
@@ -42,7 +44,7 @@ struct train_job {
   uint64_t save_every, validate_every, ema_every, refresh_every, iters;
   struct range data;
   float scale;
-  int audio_pad, backbone, attention, eye_attention, precision, ray_sampling, head_background,
+  int purpose, audio_pad, backbone, attention, eye_attention, precision, ray_sampling, head_background,
       torso_background; /* indices into the choices of their options */
   struct fine_stage fine;
   ern_model_info from;   /* of --from, or of the resumed state */
