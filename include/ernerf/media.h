@@ -303,7 +303,8 @@ static inline ERN_NODISCARD ern_status ern_dub_box(ern_context *context, const e
  * (docs/dub.md). Skin colours come from well inside the rendered head and are continued to the edge of the mask; their
  * low frequencies are matched to the recorded skin around the mask. rgba: [height][width][4], the caller's, alpha 255.
  * *drawn: false where rgba is the recorded frame: `box` is empty (`head` may then be NULL), or the rendered head covers
- * less than half of the mask. Any number of threads. ERN_E_NONFINITE: as above. */
+ * less than half of the mask, or is nowhere in it opaque enough for colours. Any number of threads. ERN_E_NONFINITE: as
+ * above. */
 ERN_API ERN_NODISCARD ern_status ern_dub_frame_sized(ern_context *context, const ern_dub_input *input, size_t bytes,
                                                      uint8_t *rgba, bool *drawn);
 static inline ERN_NODISCARD ern_status ern_dub_frame(ern_context *context, const ern_dub_input *input, uint8_t *rgba,

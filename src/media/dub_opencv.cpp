@@ -186,6 +186,7 @@ bool compose(const ern_dub_input &in, uint8_t *rgba) {
   recorded.convertTo(recorded, CV_32F);
   head.convertTo(head, CV_32F);
   cv::Mat colour = continue_colours(head, sure, f.width, there);
+  if ((float)cv::countNonZero(inner & (there > 0.5)) < least_cover * (float)wanted) return false;
   recorded.copyTo(colour, there < 0.5);
   cv::Mat((mask >= ring_low) & (mask <= ring_high) & head_there & (there > 0.5)).convertTo(ring, CV_32F, 1 / 255.0);
   match(colour, recorded, ring, f.width);

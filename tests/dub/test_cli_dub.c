@@ -35,8 +35,8 @@ static int make_all(void **state) {
   cli_expect(&cli, 0, NULL);
   write_record(NULL, 0, 0);
   cli_run(&cli,
-          "train clip -o h.safetensors --iters 30 --rays 256 --levels 2 --validate-frames 1 --asr_model cepstra "
-          "--quiet");
+          "train clip -o h.safetensors --iters 200 --rays 128 --lr 0.03 --lr_net 0.005 --levels 2 --validate-frames 1 "
+          "--asr_model cepstra --quiet");
   cli_expect(&cli, 0, NULL);
   cli_run(&cli, "synth longer --size 64 --frames %d --seed 4 --quiet", FRAMES + 9);
   cli_expect(&cli, 0, NULL);
@@ -116,6 +116,34 @@ static void test_for_dub(void **state) {
   cli_expect(&cli, 2, "--ray-sampling and --for both choose rays", NULL);
 }
 
+/* `eval --compose dub`: the recorded picture outside the lower face, and figures of its own. The clip's pictures serve
+ * as recorded ones. */
+static void test_eval(void **state) {
+  (void)state;
+  cli_run(&cli, "eval h.safetensors clip --compose dub --split all --asr_model cepstra");
+  cli_expect(&cli, 1, "ori_imgs/0.jpg", NULL);
+  for (int i = 0; i < FRAMES; i++) {
+    char from[64], to[64];
+    snprintf(from, sizeof from, "../gt_imgs/%d.jpg", i);
+    snprintf(to, sizeof to, "clip/ori_imgs/%d.jpg", i);
+    assert_int_equal(symlink(from, to), 0);
+  }
+  cli_run(&cli, "eval h.safetensors clip --compose dub --split all --asr_model cepstra --json e.json --video e.mp4");
+  cli_expect(&cli, 0, NULL);
+  assert_non_null(strstr(cli.out, "dubbed: lower face PSNR"));
+  json_t *all = cli_json(&cli, "e.json"), *dubbed = json_object_get(all, "dubbed");
+  const double whole = json_number_value(json_object_get(all, "psnr")),
+               lower = json_number_value(json_object_get(dubbed, "psnr_lower_face")),
+               seam = json_number_value(json_object_get(dubbed, "seam_gradient"));
+  assert_true(lower > 10 && lower < 40 && whole > lower + 3 &&
+              json_is_number(json_object_get(dubbed, "psnr_jaw_band")));
+  assert_true(seam > 0.5 && seam < 1.5 && json_is_number(json_object_get(dubbed, "flicker")));
+  assert_int_equal(json_integer_value(json_object_get(dubbed, "left")), 0);
+  json_decref(all);
+  cli_run(&cli, "eval h.safetensors clip --compose dub --refine-poses");
+  cli_expect(&cli, 2, "--refine-poses is about frames that are rendered whole", NULL);
+}
+
 static void test_refused(void **state) {
   (void)state;
 #define DUB "dub h.safetensors clip.mp4 --clip clip --audio "
@@ -149,6 +177,6 @@ static void test_refused(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_dub), cmocka_unit_test(test_for_dub),
-                                     cmocka_unit_test(test_refused)};
+                                     cmocka_unit_test(test_eval), cmocka_unit_test(test_refused)};
   return cmocka_run_group_tests(tests, make_all, NULL);
 }

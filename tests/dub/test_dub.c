@@ -166,6 +166,8 @@ static void test_left_as_recorded(void **state) {
   find_box(&in);
   paint((const uint8_t[3]){40, 20, 20}, 100); /* the head is not there */
   expect_recorded(&in);
+  paint((const uint8_t[3]){40, 20, 20}, 230); /* nor opaque enough anywhere for its colours */
+  expect_recorded(&in);
 }
 
 /* Landmarks anywhere: a status, and nothing outside the box. */

@@ -37,8 +37,7 @@ int comparison_add(struct comparison *comparison, const struct evaluation *evalu
   const struct source_frame *frame = &evaluation->frame_source.source_frame[k];
   const size_t width = (size_t)evaluation->info.width, height = (size_t)evaluation->info.height;
   ern_image truth = {0};
-  if (ern_clip_pixels(evaluation->clip, frame->split, frame->index, &truth, NULL) != ERN_OK)
-    return session_fail(comparison->session);
+  if (evaluate_truth(evaluation, frame, &truth) != 0) return EXIT_FAILURE;
   for (size_t y = 0; y < height; y++) {
     uint8_t *to = comparison->rgba + 4 * (comparison->drawn + 1) * y * width;
     for (size_t i = 0; i < comparison->drawn; i++, to += 4 * width) memcpy(to, drawn[i] + 4 * y * width, 4 * width);

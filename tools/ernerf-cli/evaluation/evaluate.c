@@ -85,6 +85,12 @@ int evaluate_input(struct evaluation *evaluation, const ern_model *model, size_t
   return 0;
 }
 
+int evaluate_truth(const struct evaluation *evaluation, const struct source_frame *frame, ern_image *truth) {
+  if (evaluation->dubbed != NULL) return dubbed_recorded(evaluation->dubbed, frame->pose.img_id, truth);
+  const ern_status status = ern_clip_pixels(evaluation->clip, frame->split, frame->index, truth, NULL);
+  return status == ERN_OK ? 0 : session_fail(evaluation->session);
+}
+
 int evaluate_draw(struct evaluation *evaluation, ern_renderer *renderer, const ern_model *model, size_t k,
                   struct evaluated *evaluated) {
   ern_frame_input input;
@@ -92,17 +98,21 @@ int evaluate_draw(struct evaluation *evaluation, ern_renderer *renderer, const e
   if (evaluate_input(evaluation, model, k, &input) != 0) return EXIT_FAILURE;
   const ern_frame_output output = {.rgba = evaluation->rgba, .rgb = evaluation->bytes_alone ? NULL : evaluation->rgb};
   const double began = session_seconds();
-  const ern_status status = ern_renderer_frame(renderer, &input, &output, &evaluated->times);
+  int status = 0;
+  if (evaluation->dubbed != NULL)
+    status = dubbed_draw(evaluation->dubbed, renderer, &evaluation->frame_source.source_frame[k], &input, output.rgba,
+                         output.rgb, &evaluated->times);
+  else if (ern_renderer_frame(renderer, &input, &output, &evaluated->times) != ERN_OK)
+    status = session_fail(evaluation->session);
   evaluated->ms = 1000 * (session_seconds() - began);
-  return status == ERN_OK ? 0 : session_fail(evaluation->session);
+  return status;
 }
 
 int evaluate_picture(struct evaluation *evaluation, size_t k, struct evaluated *evaluated) {
   const struct source_frame *source_frame = &evaluation->frame_source.source_frame[k];
   ern_image truth = {0};
   ern_box box;
-  if (ern_clip_pixels(evaluation->clip, source_frame->split, source_frame->index, &truth, NULL) != ERN_OK)
-    return session_fail(evaluation->session);
+  if (evaluate_truth(evaluation, source_frame, &truth) != 0) return EXIT_FAILURE;
   evaluated->psnr = ern_psnr(evaluation->rgb, truth.data, truth.width, truth.height, NULL);
   if (ern_ssim(evaluation->session->context, evaluation->rgb, truth.data, truth.width, truth.height,
                &evaluated->ssim) != ERN_OK)
@@ -112,6 +122,8 @@ int evaluate_picture(struct evaluation *evaluation, size_t k, struct evaluated *
   if (evaluated->has_head) evaluated->head = ern_psnr(evaluation->rgb, truth.data, truth.width, truth.height, &box);
   evaluated->has_mouth = region_mouth(frame, truth.width, truth.height, &box);
   if (evaluated->has_mouth) evaluated->mouth = ern_psnr(evaluation->rgb, truth.data, truth.width, truth.height, &box);
+  if (evaluation->dubbed != NULL && !dubbed_add(evaluation->dubbed, source_frame, evaluation->rgb))
+    return session_fail_with(evaluation->session, "no memory for the measures of a dubbed frame");
   if (evaluation->measures != NULL &&
       !measures_add(evaluation->measures, frame, truth.width, truth.height, truth.data, evaluation->rgb))
     return session_fail_with(evaluation->session, "no memory for the measures of a frame");

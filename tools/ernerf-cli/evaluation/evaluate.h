@@ -7,6 +7,7 @@
 #include "ernerf/media.h"
 #include "ernerf/model.h"
 #include "ernerf/render.h"
+#include "evaluation/dubbed.h"
 #include "evaluation/measures.h"
 #include "session/background.h"
 #include "session/frame_source.h"
@@ -23,7 +24,8 @@ struct evaluation {
   ern_audio_pad pad;
   struct frame_source frame_source;
   struct background background;
-  bool recorded_torso; /* a torso of the model is not drawn, but the frame's torso picture; false */
+  bool recorded_torso;   /* a torso of the model is not drawn, but the frame's torso picture; false */
+  struct dubbed *dubbed; /* frames are dubbed ones, compared with the recorded pictures; NULL: not so. The caller's */
   float *windows, refined[16];
   const float *head_pose;    /* [16] used by evaluate_input in place of the frame's; NULL, the default: the frame's */
   float *rgb;                /* [height][width][3], drawn last; rgba likewise */
@@ -52,6 +54,8 @@ void evaluate_close(struct evaluation *evaluation);
 /* Fills the renderer's input for frame k. Its pointers are valid until the next call. A head is drawn over the frame's
  * torso picture, head and torso over the background. */
 int evaluate_input(struct evaluation *evaluation, const ern_model *model, size_t k, ern_frame_input *input);
+/* What a frame is compared with: the clip's picture of it. Valid until the next call. */
+int evaluate_truth(const struct evaluation *evaluation, const struct source_frame *frame, ern_image *truth);
 /* Draws frame k; sets ms and times of `evaluated`. */
 int evaluate_draw(struct evaluation *evaluation, ern_renderer *renderer, const ern_model *model, size_t k,
                   struct evaluated *evaluated);

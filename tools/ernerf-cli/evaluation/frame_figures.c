@@ -129,8 +129,7 @@ int frame_figures_sheet(struct evaluation *evaluation, ern_renderer *renderer, c
     struct evaluated evaluated;
     ern_image truth = {0};
     status = evaluate_draw(evaluation, renderer, model, place[i], &evaluated);
-    if (status == 0 && ern_clip_pixels(evaluation->clip, frame->split, frame->index, &truth, NULL) != ERN_OK)
-      status = session_fail(session);
+    if (status == 0) status = evaluate_truth(evaluation, frame, &truth);
     if (status == 0) frame_figures_row(rgb + i * row, &drawn, 1, truth.data, width, height);
   }
   const ern_image sheet = {

@@ -92,8 +92,7 @@ int inception_add(struct inception *inception, const struct evaluation *evaluati
   struct session *session = evaluation->session;
   ern_image truth = {0};
   if (inception->path == NULL || inception->frames >= inception->capacity) return 0;
-  if (ern_clip_pixels(evaluation->clip, frame->split, frame->index, &truth, NULL) != ERN_OK)
-    return session_fail(session);
+  if (evaluate_truth(evaluation, frame, &truth) != 0) return EXIT_FAILURE;
   inception_input(inception->input, inception->width, inception->height, truth.data, 3, width, height);
   if (run(inception, session, &inception->truth) != 0) return EXIT_FAILURE;
   inception_input(inception->input, inception->width, inception->height, evaluation->rgba, 4, width, height);

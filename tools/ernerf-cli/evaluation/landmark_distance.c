@@ -29,10 +29,7 @@ static const ern_clip_frame *frame_of(const struct evaluation *evaluation, size_
 }
 
 static int truth_of(const struct evaluation *evaluation, size_t k, ern_image *truth) {
-  const struct source_frame *frame = &evaluation->frame_source.source_frame[k];
-  return ern_clip_pixels(evaluation->clip, frame->split, frame->index, truth, NULL) == ERN_OK
-             ? 0
-             : session_fail(evaluation->session);
+  return evaluate_truth(evaluation, &evaluation->frame_source.source_frame[k], truth);
 }
 
 /* ---- a folder ---------------------------------------------------------------------------------------------------- */

@@ -23,8 +23,7 @@ int perceptual_distance_of(struct perceptual_distance *perceptual, const struct 
   const size_t pixels = (size_t)evaluation->info.width * (size_t)evaluation->info.height;
   float *const drawn = perceptual->pictures;
   ern_image truth = {0};
-  if (ern_clip_pixels(evaluation->clip, frame->split, frame->index, &truth, NULL) != ERN_OK)
-    return session_fail(evaluation->session);
+  if (evaluate_truth(evaluation, frame, &truth) != 0) return EXIT_FAILURE;
   for (size_t i = 0; i < pixels; i++)
     for (size_t c = 0; c < 3; c++) {
       drawn[c * pixels + i] = evaluation->rgb[3 * i + c];

@@ -196,8 +196,7 @@ static int take_truth(struct search *search, size_t k) {
   struct evaluation *evaluation = search->evaluation;
   const struct source_frame *source_frame = &evaluation->frame_source.source_frame[k];
   ern_image truth;
-  if (ern_clip_pixels(evaluation->clip, source_frame->split, source_frame->index, &truth, NULL) != ERN_OK)
-    return session_fail(evaluation->session);
+  if (evaluate_truth(evaluation, source_frame, &truth) != 0) return EXIT_FAILURE;
   for (size_t i = 0; i < search->values; i++) search->truth[i] = (float)truth.data[i] / 255;
   /* the lower face as in training; empty if the landmarks are not known */
   ern_dataset dataset;

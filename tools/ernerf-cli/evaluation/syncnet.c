@@ -221,8 +221,7 @@ int syncnet_add(struct syncnet *sync, const struct evaluation *evaluation, size_
   ern_image truth = {0};
   if (sync->video == NULL) return 0;
   if (!sync->drawn_alone) {
-    if (ern_clip_pixels(evaluation->clip, frame->split, frame->index, &truth, NULL) != ERN_OK)
-      return session_fail(session);
+    if (evaluate_truth(evaluation, frame, &truth) != 0) return EXIT_FAILURE;
     put_frame(sync, sync->input[SYNC_TRUE], sync->crops[k], truth.data, 3, width, height);
   }
   put_frame(sync, sync->input[SYNC_DRAWN], sync->crops[k], evaluation->rgba, 4, width, height);

@@ -18,7 +18,9 @@
 #include "session/portrait.h"
 #include "verbs.h"
 
-enum { OWN_OPTIONS = 5 + SETTING_OPTIONS };
+enum { OWN_OPTIONS = 6 + SETTING_OPTIONS };
+
+enum compose { COMPOSE_WHOLE, COMPOSE_DUB };
 
 /* Sums over the frames. */
 struct totals {
@@ -32,6 +34,8 @@ struct eval_job {
   struct portrait portrait;
   struct evaluation evaluation;
   struct measures measures;
+  struct dubbed dubbed;
+  int compose; /* enum compose */
   struct paper_metrics metrics;
   const char *video, *csv, *sheet; /* NULL: none */
   struct comparison comparison;
@@ -178,6 +182,7 @@ static void print_table(const struct eval_job *job, uint64_t model_bytes) {
     printf("PSNR, SSIM, mouth, sharpness, seam, tremble: not computed: %s\n", setting_no_truth);
   else
     measures_print(&figures);
+  if (job->compose == COMPOSE_DUB && job->setting != SETTING_SYNCHRONIZATION) dubbed_print(&job->dubbed);
   paper_metrics_print(&job->metrics, job->frames);
   if (isfinite(sum->times.samples)) printf("samples: %.0f a frame\n", mean(sum->times.samples, n));
   printf("%.2f frames a second of %d x %d: audio %.2f ms, torso %.2f ms, head %.2f ms, output %.2f ms\n",
@@ -225,7 +230,7 @@ static json_t *report(struct eval_job *job, uint64_t model_bytes) {
   return json_pack(
       "{s:o, s:o, s:s, s:o, s:s, s:i, s:i, s:I, s:o, s:o, s:o, s:o, s:o, s:o*, s:o, s:o, s:o, s:o, s:o, s:I, s:I, s:s, "
       "s:s, "
-      "s:o, s:O}",
+      "s:o, s:o*, s:O}",
       "model", session_text(portrait->model_path), "clip", session_text(portrait->source.path), "kind",
       portrait_kind(portrait), "setting", name != NULL ? json_string(name) : json_null(), "split",
       splits[portrait->split], "width", portrait->clip_info.width, "height", portrait->clip_info.height, "count",
@@ -235,7 +240,8 @@ static json_t *report(struct eval_job *job, uint64_t model_bytes) {
       "samples_per_frame", session_number(mean(sum->times.samples, n)), "fps", session_number(1000 / mean(sum->ms, n)),
       "ms_per_frame", session_number(mean(sum->ms, n)), "ms_by_stage", by_stage, "model_bytes", (json_int_t)model_bytes,
       "param_bytes", (json_int_t)portrait->info.parameter_bytes, "backend", job->session.backend_info.name, "isa",
-      job->session.backend_info.isa, "metrics", paper_metrics_json(&job->metrics, job->frames), "frames", job->frames);
+      job->session.backend_info.isa, "metrics", paper_metrics_json(&job->metrics, job->frames), "dubbed",
+      job->compose == COMPOSE_DUB ? dubbed_json(&job->dubbed) : NULL, "frames", job->frames);
 }
 
 /* ---- the verb ---------------------------------------------------------------------------------------------------- */
@@ -245,6 +251,10 @@ static int open_all(struct eval_job *job, const struct args *args) {
   struct session *session = &job->session;
   const int status = evaluate_open_portrait(&job->evaluation, portrait, session, args, &job->measures);
   if (status != 0) return status;
+  if (job->compose == COMPOSE_DUB) {
+    if (dubbed_open(&job->dubbed, session, portrait->clip, portrait->source.path) != 0) return EXIT_FAILURE;
+    job->evaluation.dubbed = &job->dubbed;
+  }
   if (setting_open(job->setting, &job->evaluation, portrait) != 0) return EXIT_FAILURE;
   job->frames = json_array();
   if (job->frames == NULL) return session_fail_with(session, "no memory for a list of frames");
@@ -307,6 +317,7 @@ static void close_all(struct eval_job *job) {
   comparison_close(&job->comparison);
   evaluate_close(&job->evaluation);
   measures_free(&job->measures);
+  dubbed_close(&job->dubbed);
   paper_metrics_close(&job->metrics);
   portrait_close(&job->portrait);
   session_close(&job->session);
@@ -322,6 +333,9 @@ static int check_words(struct eval_job *job, const struct args *args) {
   if (status < 0 && job->refine_poses)
     status =
         args_forbid(args, "smooth_lips", "needs frames one after the other, which --refine-poses draws many times");
+  portrait->dubs = portrait->render.no_torso = job->compose == COMPOSE_DUB;
+  if (status < 0 && portrait->dubs)
+    status = args_forbid(args, "refine-poses torso torso_shrink", "is about frames that are rendered whole");
   const char *dot = job->sheet != NULL ? strrchr(job->sheet, '.') : NULL;
   if (status < 0 && job->sheet != NULL && (dot == NULL || strcmp(dot, ".png") != 0))
     status = args_refuse(args, "--sheet is \"%s\", expected a name that ends in .png", job->sheet);
@@ -351,6 +365,12 @@ int cmd_eval(int argc, char **argv) {
        .choices = "FILE.mp4",
        .help = "write a video of the rendered frames beside the clip's, with the clip's sound, or that of --audio "
                "with --setting synchronization"},
+      {.name = "compose",
+       .kind = OPTION_CHOICE,
+       .target = &job.compose,
+       .choices = "whole|dub",
+       .help = "the frames: whole: rendered whole; dub: the rendered lower face in the recorded pictures "
+               "(ori_imgs/ID.jpg), with which they are compared, as `ernerf dub` makes them (default whole)"},
       {.name = "csv",
        .kind = OPTION_TEXT,
        .target = &job.csv,

@@ -1,0 +1,190 @@
+/* SPDX-License-Identifier: MIT */
+#include "evaluation/dubbed.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "evaluation/picture_measures.h"
+
+enum { JAW_BEGIN = 2, JAW_END = 14 };
+static const float band_width = 0.08F; /* on each side of the jaw's line, in face widths: the mask ends in it */
+
+int dubbed_open(struct dubbed *d, struct session *session, ern_clip *clip, const char *folder) {
+  ern_clip_info info;
+  ern_clip_describe(clip, &info);
+  *d = (struct dubbed){.session = session,
+                       .folder = folder,
+                       .clip = clip,
+                       .width = info.width,
+                       .height = info.height,
+                       .recorded_id = -1,
+                       .before_id = -1};
+  const size_t pixels = (size_t)info.width * (size_t)info.height;
+  if (!info.has_landmarks)
+    return session_fail_with(session, "%s: has no landmarks (ori_imgs/ID.lms), which place the mouth", folder);
+  d->head = malloc(4 * pixels);
+  d->opacity = malloc(3 * pixels * sizeof *d->opacity);
+  if (d->head == NULL || d->opacity == NULL) return session_fail_with(session, "no memory for a dubbed frame");
+  for (size_t i = 0; i < 2; i++) d->grey[i] = d->opacity + (i + 1) * pixels;
+  return 0;
+}
+
+int dubbed_recorded(struct dubbed *d, int64_t id, ern_image *image) {
+  char path[4096];
+  if (id != d->recorded_id) {
+    ern_image_free(d->session->context, &d->recorded);
+    d->recorded_id = -1;
+    if (snprintf(path, sizeof path, "%s/ori_imgs/%lld.jpg", d->folder, (long long)id) >= (int)sizeof path)
+      return session_fail_with(d->session, "%s: the name is too long", d->folder);
+    if (ern_image_read(d->session->context, path, 3, &d->recorded) != ERN_OK) return session_fail(d->session);
+    if (d->recorded.width != d->width || d->recorded.height != d->height)
+      return session_fail_with(d->session, "%s: has %d x %d pixels, expected the %d x %d of the clip", path,
+                               d->recorded.width, d->recorded.height, d->width, d->height);
+    d->recorded_id = id;
+  }
+  *image = d->recorded;
+  return 0;
+}
+
+static void place_landmarks(const struct dubbed *d, const ern_clip_frame *frame, float landmarks[68][2]) {
+  for (int i = 0; i < 68; i++) {
+    landmarks[i][0] = frame->landmarks[i][0] / (float)d->width;
+    landmarks[i][1] = frame->landmarks[i][1] / (float)d->height;
+  }
+}
+
+/* The head in the box; its alpha is its own opacity. */
+static ern_status draw_head(struct dubbed *d, ern_renderer *renderer, const ern_frame_input *whole, ern_dub_input *dub,
+                            ern_frame_times *times) {
+  ern_frame_input input = *whole;
+  input.camera.cx -= (float)dub->box[0];
+  input.camera.cy -= (float)dub->box[1];
+  input.camera.width = dub->head_width = dub->box[2];
+  input.camera.height = dub->head_height = dub->box[3];
+  input.background = input.torso = NULL;
+  const ern_frame_output output = {.rgba = d->head, .opacity = d->opacity};
+  const ern_status status = ern_renderer_frame(renderer, &input, &output, times);
+  const size_t pixels = (size_t)dub->head_width * (size_t)dub->head_height;
+  for (size_t i = 0; status == ERN_OK && i < pixels; i++) d->head[4 * i + 3] = (uint8_t)(255 * d->opacity[i] + 0.5F);
+  dub->head = d->head;
+  dub->head_scale[0] = dub->head_scale[1] = 1;
+  return status;
+}
+
+int dubbed_draw(struct dubbed *d, ern_renderer *renderer, const struct source_frame *frame,
+                const ern_frame_input *input, uint8_t *rgba, float *rgb, ern_frame_times *times) {
+  ern_context *context = d->session->context;
+  ern_image recorded, head = {0};
+  bool drawn = false;
+  if (dubbed_recorded(d, frame->pose.img_id, &recorded) != 0) return EXIT_FAILURE;
+  ern_dub_input dub = {
+      .recorded = recorded.data, .width = d->width, .height = d->height, .square = {0, 0, d->width, d->height}};
+  place_landmarks(d, ern_clip_frame_at(d->clip, frame->split, frame->index), dub.landmarks);
+  ern_status status = ern_dub_box(context, &dub, dub.box);
+  if (status == ERN_OK && dub.box[2] > 0) status = draw_head(d, renderer, input, &dub, times);
+  if (status == ERN_OK) status = ern_clip_head(d->clip, frame->split, frame->index, &head);
+  dub.recorded_head = head.data != NULL ? &head : NULL;
+  if (status == ERN_OK) status = ern_dub_frame(context, &dub, rgba, &drawn);
+  if (status != ERN_OK) return session_fail(d->session);
+  d->drawn = drawn;
+  const size_t pixels = (size_t)d->width * (size_t)d->height;
+  for (size_t i = 0; rgb != NULL && i < pixels; i++)
+    for (size_t c = 0; c < 3; c++) rgb[3 * i + c] = (float)rgba[4 * i + c] / 255;
+  return 0;
+}
+
+/* ---- figures ----------------------------------------------------------------------------------------------------- */
+
+static float distance_to(const float p[2], const float a[2], const float b[2]) {
+  const float ab[2] = {b[0] - a[0], b[1] - a[1]}, ap[2] = {p[0] - a[0], p[1] - a[1]};
+  const float length = ab[0] * ab[0] + ab[1] * ab[1];
+  const float at = length > 0 ? fminf(fmaxf((ap[0] * ab[0] + ap[1] * ab[1]) / length, 0), 1) : 0;
+  return hypotf(ap[0] - at * ab[0], ap[1] - at * ab[1]);
+}
+
+static bool in_band(const ern_clip_frame *frame, float most, int x, int y) {
+  const float p[2] = {(float)x, (float)y};
+  for (int i = JAW_BEGIN; i < JAW_END; i++)
+    if (distance_to(p, frame->landmarks[i], frame->landmarks[i + 1]) <= most) return true;
+  return false;
+}
+
+static double slope(const float *grey, int width, size_t i) {
+  return hypot((double)(grey[i + 1] - grey[i - 1]), (double)(grey[i + (size_t)width] - grey[i - (size_t)width]));
+}
+
+/* Adds pixel i of the band. grey: recorded and dubbed; follows: of the frame after that of d->grey. */
+static void add_pixel(struct dubbed *d, const float *const grey[2], const float *rgb, size_t i, bool follows) {
+  for (size_t c = 0; c < 3; c++) {
+    const double apart = (double)rgb[3 * i + c] - (double)d->recorded.data[3 * i + c] / 255;
+    d->squares += apart * apart;
+  }
+  d->values += 3;
+  for (size_t k = 0; k < 2; k++) {
+    d->gradient[k] += slope(grey[k], d->width, i);
+    if (follows) d->change[k] += fabs((double)(grey[k][i] - d->grey[k][i]));
+  }
+}
+
+bool dubbed_add(struct dubbed *d, const struct source_frame *source, const float *rgb) {
+  const ern_clip_frame *frame = ern_clip_frame_at(d->clip, source->split, source->index);
+  const size_t pixels = (size_t)d->width * (size_t)d->height;
+  const float most = band_width * hypotf(frame->landmarks[16][0] - frame->landmarks[0][0],
+                                         frame->landmarks[16][1] - frame->landmarks[0][1]);
+  ern_dub_input dub = {.width = d->width, .height = d->height, .square = {0, 0, d->width, d->height}};
+  float *made = malloc(2 * pixels * sizeof *made);
+  if (made == NULL) return false;
+  const float *const grey[2] = {made, made + pixels};
+  d->left += !d->drawn;
+  grey_of_bytes(made, d->recorded.data, pixels);
+  grey_of_colours(made + pixels, rgb, pixels);
+  place_landmarks(d, frame, dub.landmarks);
+  if (ern_dub_box(d->session->context, &dub, dub.box) == ERN_OK && dub.box[2] > 0) {
+    const ern_box box = {
+        .top = dub.box[1], .bottom = dub.box[1] + dub.box[3], .left = dub.box[0], .right = dub.box[0] + dub.box[2]};
+    d->lower_face += ern_psnr(rgb, d->recorded.data, d->width, d->height, &box);
+    d->frames++;
+    for (int y = box.top > 1 ? box.top : 1; y < box.bottom && y < d->height - 1; y++)
+      for (int x = box.left > 1 ? box.left : 1; x < box.right && x < d->width - 1; x++)
+        if (in_band(frame, most, x, y))
+          add_pixel(d, grey, rgb, (size_t)y * (size_t)d->width + (size_t)x, source->pose.img_id == d->before_id + 1);
+  }
+  memcpy(d->grey[0], made, 2 * pixels * sizeof *made);
+  d->before_id = source->pose.img_id;
+  free(made);
+  return true;
+}
+
+/* NaN: not known. */
+struct figures {
+  double lower_face, band, seam, flicker;
+};
+static struct figures figures_of(const struct dubbed *d) {
+  return (struct figures){.lower_face = d->frames > 0 ? d->lower_face / (double)d->frames : NAN,
+                          .band = d->values > 0 ? -10 * log10(fmax(d->squares / (double)d->values, 1e-10)) : NAN,
+                          .seam = d->gradient[0] > 0 ? d->gradient[1] / d->gradient[0] : NAN,
+                          .flicker = d->change[0] > 0 ? d->change[1] / d->change[0] : NAN};
+}
+
+void dubbed_print(const struct dubbed *d) {
+  const struct figures f = figures_of(d);
+  printf("dubbed: lower face PSNR %.3f dB, jaw band %.3f dB, its gradient %.3f and its flicker %.3f of the recording's",
+         f.lower_face, f.band, f.seam, f.flicker);
+  printf("; left as recorded: %zu\n", d->left);
+}
+
+json_t *dubbed_json(const struct dubbed *d) {
+  const struct figures f = figures_of(d);
+  return json_pack("{s:o, s:o, s:o, s:o, s:I}", "psnr_lower_face", session_number(f.lower_face), "psnr_jaw_band",
+                   session_number(f.band), "seam_gradient", session_number(f.seam), "flicker",
+                   session_number(f.flicker), "left", (json_int_t)d->left);
+}
+
+void dubbed_close(struct dubbed *d) {
+  if (d->session == NULL) return;
+  ern_image_free(d->session->context, &d->recorded);
+  free(d->head);
+  free(d->opacity);
+}
