@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
 # The installed tree, as another program meets it: moved to another place after the install, the examples built against it
-# with a plain C compiler and with CMake's find_package, and run. With ERNERF_TEST_LONG also live sessions.
+# with a plain C compiler and with CMake's find_package, and run. With ERNERF_TEST_LONG also all frames by each program, and live sessions.
 # Usage: test_install.sh SOURCE BUILD NAME, with CC, CFLAGS, CMAKE, LIBDIR of the build in the environment
 set -euo pipefail
 source=$1 build=$2
@@ -149,11 +149,13 @@ awk -v psnr="$psnr" 'BEGIN { exit !(psnr > 20) }' || fail "PSNR $psnr dB after $
 stage "render"
 inputs=("$work/ball/ball.safetensors" "$work/ball/speech.npy" "$work/ball/poses.json")
 "$work/render_minimal" "${inputs[@]}" "$work/ball.rgba"
-"$work/project/render_minimal" "${inputs[@]}" "$work/again.rgba"
-"$work/render_minimal" "${inputs[@]}" "$work/ball.ppm"
 [ "$(stat -c %s "$work/ball.rgba")" -eq $((frames * side * side * 4)) ] || fail "ball.rgba has another size"
-cmp "$work/ball.rgba" "$work/again.rgba" || fail "the program of find_package renders other frames"
-[ "$(stat -c %s "$work/ball.ppm")" -eq $((frames * (side * side * 3 + 13))) ] || fail "ball.ppm has another size"
+if [ -n "${ERNERF_TEST_LONG-}" ]; then
+  "$work/project/render_minimal" "${inputs[@]}" "$work/again.rgba"
+  cmp "$work/ball.rgba" "$work/again.rgba" || fail "the program of find_package renders other frames"
+  "$work/render_minimal" "${inputs[@]}" "$work/ball.ppm"
+  [ "$(stat -c %s "$work/ball.ppm")" -eq $((frames * (side * side * 3 + 13))) ] || fail "ball.ppm has another size"
+fi
 # The first frame: there where the ball is, clear in the corner.
 pixel() { od -An -tu1 -j $((($1 * side * side + $2 * side + $3) * 4)) -N 4 "$work/ball.rgba"; }
 read -r red green _ alpha <<<"$(pixel 0 26 32)"
@@ -162,7 +164,7 @@ read -r _ _ _ alpha <<<"$(pixel 0 1 1)"
 [ "$alpha" -lt 50 ] || fail "the corner's alpha is $alpha"
 # From one pose, so that only the speech can move anything: the mouth is shut in frame 0 and open in frame 12.
 { head -n 2 "$work/ball/poses.json" | sed 's/,$//'; echo ']}'; } >"$work/still.json"
-"$work/render_minimal" "${inputs[@]:0:2}" "$work/still.json" "$work/still.rgba"
+"$work/project/render_minimal" "${inputs[@]:0:2}" "$work/still.json" "$work/still.rgba"
 frame() { tail -c +$(($1 * side * side * 4 + 1)) "$work/still.rgba" | head -c $((side * side * 4)); }
 moved=$(cmp -l <(frame 0) <(frame 12) | wc -l || true)
 [ "$moved" -ge 100 ] || fail "only $moved values differ between two moments of the speech"

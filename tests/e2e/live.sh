@@ -1,18 +1,18 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
 # ernerf live: what comes out is whole and the same each time; readers that leave, stall or come again; sound that is none; signals;
-# lines of control. With ERNERF_TEST_LONG also by the clock, stalled readers, a microphone. Usage: live.sh ERNERF FOLDER
+# lines of control. With ERNERF_TEST_LONG also by the clock, stalled readers, a microphone. Usage: live.sh ERNERF FOLDER CLIPS (of shared_clips.sh)
 set -euo pipefail
-ernerf=$1 folder=$2
+ernerf=$1 folder=$2 clips=$3
 rm -rf "$folder"
 mkdir -p "$folder"
 cd "$folder"
 trap 'kill $(jobs -p) 2> /dev/null || true' EXIT
 fail() { echo "FAIL: $*"; exit 1; }
-side=64 frame_bytes=$((64 * 64 * 4))
-"$ernerf" synth clip --size $side --frames 33 --seed 3 --quiet
+side=32 frame_bytes=$((side * side * 4)) # of the pictures; the clip has 64
+cp -rs "$clips/short" clip # 33 frames
 "$ernerf" train clip -o head.safetensors --iters 8 --rays 256 --levels 2 --validate-frames 1 --asr_model cepstra --quiet
-live() { timeout 60 "$ernerf" live head.safetensors --clip clip --quiet "$@"; }
+live() { timeout 60 "$ernerf" live head.safetensors --clip clip --quiet --size ${side}x$side "$@"; }
 refused() { # status words...: the last command's output is in err.txt
   local want=$1 got=$2
   shift 2
@@ -61,7 +61,7 @@ if [ -n "${ERNERF_TEST_LONG-}" ]; then
   mkfifo stalled
   timeout 30 sleep 30 <> stalled &
   sleeper=$!
-  "$ernerf" live head.safetensors --clip clip --quiet --control wait.sock -o stalled --format raw 2> err.txt &
+  "$ernerf" live head.safetensors --clip clip --quiet --size ${side}x$side --control wait.sock -o stalled --format raw 2> err.txt &
   program=$!
   for _ in $(seq 600); do [ -S wait.sock ] && break; sleep 0.1; done
   sleep 1.5
@@ -80,7 +80,7 @@ mkfifo taken
 for format in mp4 ${ERNERF_TEST_LONG:+raw}; do
   cat taken > taken.$format &
   reader=$!
-  "$ernerf" live head.safetensors --clip clip --quiet --duration 60 -o taken --format $format 2> err.txt &
+  "$ernerf" live head.safetensors --clip clip --quiet --size ${side}x$side --duration 60 -o taken --format $format 2> err.txt &
   program=$!
   for _ in $(seq 600); do [ -s taken.$format ] && break; sleep 0.1; done
   kill -TERM $program
@@ -91,7 +91,7 @@ for format in mp4 ${ERNERF_TEST_LONG:+raw}; do
 done
 tail -c 16 taken.mp4 | grep -qa mfro || fail "mp4: has no end"
 if [ -n "${ERNERF_TEST_LONG-}" ]; then
-  "$ernerf" live head.safetensors --clip clip --quiet --duration 60 -o taken --format raw 2> err.txt &
+  "$ernerf" live head.safetensors --clip clip --quiet --size ${side}x$side --duration 60 -o taken --format raw 2> err.txt &
   program=$!
   for _ in $(seq 600); do grep -q agreed err.txt && break; sleep 0.1; done # the model is read; next are the measurement of its speed and the FIFO
   sleep 6
@@ -102,7 +102,7 @@ fi
 status=0; live --audio clip/aud.wav -o /dev/full --format raw 2> err.txt || status=$?
 refused 1 $status "No space left"
 # a full disk keeps the recording up to there, says so, and says beside it what it is
-status=0; (ulimit -f 32; live --audio clip/aud.wav -o full.ts --crf 0 --as-fast --size 256x256 2> err.txt) || status=$?
+status=0; (ulimit -f 32; side=64 && live --audio clip/aud.wav -o full.ts --crf 0 --as-fast 2> err.txt) || status=$?
 refused 1 $status "full.ts" "it is cut"
 [ "$(stat -c %s full.ts)" -gt 10000 ] || fail "full.ts has $(stat -c %s full.ts) bytes"
 grep -q '"cut": true' full.ts.provenance.json || fail "full.ts.provenance.json: $(cat full.ts.provenance.json)"

@@ -188,18 +188,21 @@ static void test_some_memory_long(void **state) {
 
 /* ---- a device that is lost --------------------------------------------------------------------------------------- */
 
-static void test_lost_early(void **state) {
-  static const char *const codes[] = {"-2", "-5"}; /* CL_DEVICE_NOT_AVAILABLE, CL_OUT_OF_RESOURCES */
-  (void)state;
-  for (size_t i = 0; i < sizeof codes / sizeof codes[0]; i++) {
-    fault("CODE", codes[i]);
-    fault("LAUNCH", "40");
-    refuse_training("the device is lost", "nothing of this training was saved", "");
-    fault("LAUNCH", "3");
-    refuse_rendering("the device is lost", "failed: CL_");
-  }
-  /* what an earlier training saved stays as it is */
+static void lose_with_code(const char *code) {
+  fault("CODE", code);
+  fault("LAUNCH", "40");
+  refuse_training("the device is lost", "nothing of this training was saved", "");
+  fault("LAUNCH", "3");
+  refuse_rendering("the device is lost", "failed: CL_");
   clear();
+}
+
+static void test_lost(void **state) { (void)state, lose_with_code("-2"); }              /* CL_DEVICE_NOT_AVAILABLE */
+static void test_no_resources_long(void **state) { (void)state, lose_with_code("-5"); } /* CL_OUT_OF_RESOURCES */
+
+/* What an earlier training saved stays as it is. */
+static void test_lost_early(void **state) {
+  (void)state;
   forget("x");
   cli_run(&cli, "train %s -y -o x.safetensors --iters 1 %s --quiet", clip, STEPS);
   cli_expect(&cli, 0, NULL);
@@ -410,6 +413,8 @@ int main(void) {
                                      cmocka_unit_test(test_build),
                                      cmocka_unit_test(test_no_memory),
                                      cmocka_unit_test(test_some_memory_long),
+                                     cmocka_unit_test(test_lost),
+                                     cmocka_unit_test(test_no_resources_long),
                                      cmocka_unit_test(test_lost_early),
                                      cmocka_unit_test(test_lost_after_save_long),
                                      cmocka_unit_test(test_from_cpu_long),

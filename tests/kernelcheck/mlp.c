@@ -119,11 +119,11 @@ static void args_of(const struct scene *scene, int k, struct ern_mlp_fwd_args *a
   for (int p = 0; p < scene->pieces; p++) args->x[p] = scene->x[p].on[k];
 }
 
-/* PoCL builds a shape for seconds, and layers of width 256 for minutes: on a device every second shape of the model's
- * sizes, with ERNERF_TEST_LONG all; three shapes on the CPU alone. */
+/* PoCL builds a shape for seconds, and layers of width 256 for minutes: on a device two of eight shapes, with
+ * ERNERF_TEST_LONG all; three shapes on the CPU alone. */
 static bool is_run(int k, size_t s) {
   if (!is_device(k)) return true;
-  if ((s >= WIDE || s % 2 == 1) && !is_long()) return false;
+  if (!is_long() && (s >= WIDE || (s % 8 != ATTENTION && s % 8 != DENSITY))) return false;
   return s < OF_CPUS || (s >= DEEP && compiles_for_cpus(k)); /* PoCL builds its form for GPUs for minutes */
 }
 static bool is_run_here(size_t s) {

@@ -230,8 +230,11 @@ static void check_update(struct ern_occupancy_decay decay, float limit) {
 
 /* Densities of all sizes, none, and, where `odd`, no numbers; marked cells, alone and by the block. */
 static void fill(uint64_t seed, float scale, bool odd) {
+  uint32_t block = 0;
   for (size_t i = 0; i < CELLS; i++) {
-    const uint32_t word = word_at(seed, i), block = word_at(seed + 2, i / 64), other = word_at(seed + 3, i);
+    const struct ern_random words = words_at(seed, 0, i);
+    const uint32_t word = words.word[0], other = words.word[1];
+    if (i % 64 == 0) block = words.word[2];
     grid[i] = block % 3 == 0 || word % 5 == 0 ? -1 : word % 7 == 0 ? 0 : (float)(word % 1000) * 0.01f * scale;
     fresh[i] = other % 3 == 0 ? 0 : (float)(other % 4096) * 0.004f * scale;
     if (word % 1009 == 4) grid[i] = -0.0f;

@@ -23,7 +23,7 @@ else
 fi
 export PYTHONPATH=$work/site PYTHONDONTWRITEBYTECODE=1 ERNERF_SOURCE=$source ERNERF_LIBRARY=$library
 
-"$ernerf" synth clip --size 64 --frames 24 --seed 3 --quiet
+"$ernerf" synth clip --size 64 --frames 16 --seed 3 --quiet
 "$ernerf" features clip/aud.wav -o speech.npy --quiet
 rm -f clip/aud_ds.npy # of the clip's sound, as speech.npy
 "$steps" clip head.safetensors 6 >losses.txt

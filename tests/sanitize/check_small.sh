@@ -8,7 +8,7 @@ source=$1 work=$2 cc=$3
 targets=(npy transforms csv landmarks safetensors torch_zip pareto onnx)
 tests=(test_npy test_transforms test_csv test_landmarks test_safetensors test_torch_zip test_pickle test_onnx)
 
-flags="-std=c17 -O1 -g1 -fsanitize=address,undefined -fno-sanitize-recover=undefined -D_POSIX_C_SOURCE=200809L
+flags="-std=c17 -O0 -g1 -fsanitize=address,undefined -fno-sanitize-recover=undefined -D_POSIX_C_SOURCE=200809L
   -I. -I$source/include -I$source/src -I$source/tests -I$source/tests/fuzz -I$source/tools/ernerf-cli"
 libraries="-ljansson -lzip -lcmocka -lpthread -lm"
 rm -rf "$work" && mkdir -p "$work/objects" "$work/run" && cd "$work"
