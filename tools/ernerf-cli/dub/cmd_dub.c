@@ -115,6 +115,8 @@ static int check_usage(struct dub_job *job, const struct args *args) {
   if (status < 0) status = args_forbid(args, "split", "chooses frames of the clip, and a dubbed video has them all");
   if (status < 0) status = args_forbid(args, "torso_shrink", "is about the torso, which stays as recorded");
   if (status < 0) status = sink_choose(&job->sink, args, job->out);
+  if (status < 0 && !args_given(args, "codec") && !args_given(args, "crf") && !args_given(args, "preset"))
+    sink_code_fast(&job->sink);
   if (status < 0 && job->sink.kind != SINK_VIDEO)
     status = args_refuse(args, "-o is %s, expected a video: NAME.mp4, .mov or .mkv", job->out);
   if (status < 0 && !sink_has_sound(&job->sink))
@@ -496,7 +498,8 @@ int cmd_dub(int argc, char **argv) {
       .usage = "dub MODEL VIDEO --clip CLIP --audio SOUND -o out.mp4",
       .notes =
           "The output has the size and rate of VIDEO, and begins where the clip begins.\n"
-          "Outside the lower face each frame is the recorded one, coded anew.",
+          "Outside the lower face each frame is the recorded one, coded anew: without --codec, --crf and --preset\n"
+          "with --preset superfast --crf 16, which is faster than the defaults of these options.",
       .words = words,
       .word_count = 2,
       .groups = {{"What is said, and where to:", own,

@@ -48,6 +48,13 @@ void sink_options(struct sink *sink, struct option options[SINK_OPTIONS]) {
   ARGS_FILL(options, rows, SINK_OPTIONS);
 }
 
+void sink_code_fast(struct sink *sink) {
+  const char *dot = strrchr(sink->path, '.');
+  if (dot != NULL && strcasecmp(dot, ".webm") == 0) return; /* vp9 */
+  sink->preset = 1;                                         /* superfast */
+  sink->crf = 16;
+}
+
 bool sink_is_opaque(const struct sink *sink) {
   return sink->kind == SINK_VIDEO || sink->kind == SINK_JPEG || sink->kind == SINK_STREAM;
 }
