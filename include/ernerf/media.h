@@ -179,6 +179,9 @@ static inline ern_video_options ern_video_options_default(int width, int height)
   return options;
 }
 
+/* A decoded frame of a video, in the file's pixel format. */
+typedef struct ern_video_frame ern_video_frame;
+
 /* By the name's ending, in any case: .mp4 .m4v (h264, hevc, vp9, av1), .mov (h264, hevc), .mkv (h264, hevc, vp9, av1,
  * ffv1), .webm (vp9, av1), .gif (256 colours); any other is an mp4. Pictures are yuv420p (BT.709, limited range, tagged
  * so), RGB of ffv1 and gif. Frame k is shown at exactly k/rate seconds, in a .mkv and .webm rounded to a
@@ -193,6 +196,11 @@ ERN_API ERN_NODISCARD ern_status ern_video_writer_open(ern_context *context, con
 /* rgba: [height][width][4]; alpha is ignored. After a frame has failed, each later frame and close fail in the same
  * way. */
 ERN_API ERN_NODISCARD ern_status ern_video_writer_frame(ern_video_writer *writer, const uint8_t *rgba);
+/* As ern_video_writer_frame, of a plain frame of a reader whose part (x, y, width, height, even numbers; NULL: none) is
+ * replaced by rgba, [height][width][4]. The other pixels are coded as they were decoded. ERN_E_UNSUPPORTED: the frame
+ * is not plain, has another size than the video, or the codec is not of yuv420p (ffv1). */
+ERN_API ERN_NODISCARD ern_status ern_video_writer_patch(ern_video_writer *writer, const ern_video_frame *frame,
+                                                        const int part[4], const uint8_t *rgba);
 /* Finishes the file and frees the writer, also on failure, when there is no file. ERN_E_STATE: no frame was written. */
 ERN_API ERN_NODISCARD ern_status ern_video_writer_close(ern_video_writer **writer);
 /* Frees the writer and removes what it wrote; accepts NULL and a pointer to NULL. */
@@ -233,7 +241,26 @@ static inline void ern_video_reader_info(const ern_video_reader *reader, ern_vid
  * with the image unchanged, after the last frame; else false. */
 ERN_API ERN_NODISCARD ern_status ern_video_reader_frame(ern_video_reader *reader, ern_image *image, double *seconds,
                                                         bool *end);
+/* The next frame that is read is the first one whose time stamp is `seconds` or later; after the last frame's there is
+ * none. Decodes from the key frame before it on. ERN_E_UNSUPPORTED: the file's kind knows no going back. */
+ERN_API ERN_NODISCARD ern_status ern_video_reader_seek(ern_video_reader *reader, double seconds);
+/* As ern_video_reader_frame, but the frame stays in the file's pixel format. *frame: the caller frees it, before or
+ * after the reader; NULL after the last frame. */
+ERN_API ERN_NODISCARD ern_status ern_video_reader_decode(ern_video_reader *reader, ern_video_frame **frame,
+                                                         double *seconds);
+/* The part (x, y, width, height) of one of the reader's frames as the RGB of ern_video_reader_frame; NULL: all of it. A
+ * part is of a plain frame, and of even numbers; in the two pixels at its edge the colour is that of its own pixels
+ * alone. */
+ERN_API ERN_NODISCARD ern_status ern_video_reader_rgb(ern_video_reader *reader, const ern_video_frame *frame,
+                                                      const int part[4], ern_image *image);
 ERN_API void ern_video_reader_free(ern_video_reader **reader);
+/* Whether the frame's pixels are those that an ern_video_writer codes: upright, yuv420p, BT.709, limited range, even
+ * sides. */
+ERN_API bool ern_video_frame_is_plain(const ern_video_frame *frame);
+/* *clone: the same frame once more, without a copy of its pixels; owned and freed as the frame is. */
+ERN_API ERN_NODISCARD ern_status ern_video_frame_clone(ern_context *context, const ern_video_frame *frame,
+                                                       ern_video_frame **clone);
+ERN_API void ern_video_frame_free(ern_video_frame **frame);
 
 /* ---- a watermark ------------------------------------------------------------------------------------------------- */
 

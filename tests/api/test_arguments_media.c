@@ -16,6 +16,8 @@ static uint8_t pixels[16 * 16 * 4];
 
 static ern_image picture(void) { return (ern_image){.width = 16, .height = 16, .channels = 3, .data = pixels}; }
 
+#include "arguments_video.h"
+
 /* ---- pictures ---------------------------------------------------------------------------------------------------- */
 
 CHECK(ern_image_read) {
@@ -169,7 +171,7 @@ CHECK(ern_image_free) {
   ern_image_free(w.context, &(ern_image){0});
 }
 
-/* ---- sound, video ------------------------------------------------------------------------------------------------ */
+/* ---- sound ------------------------------------------------------------------------------------------------------- */
 
 CHECK(ern_sound_read) {
   ern_sound sound = {.rate = 7};
@@ -199,100 +201,6 @@ CHECK(ern_sound_free) {
   assert_non_null(sound.data);
   ern_sound_free(w.context, NULL);
   ern_sound_free(w.context, &(ern_sound){0});
-}
-CHECK(ern_video_options_default) { assert_int_equal(ern_video_options_default(-1, 0).width, -1); }
-CHECK(ern_video_options_fill) { FILLS(ern_video_options, ern_video_options_fill); }
-CHECK(ern_video_writer_open) {
-  ern_video_options options = ern_video_options_default(16, 16);
-  ern_video_writer *writer = (ern_video_writer *)(void *)&w;
-  REFUSED_ALONE(ern_video_writer_open(NULL, "a.mp4", &options, &writer));
-  assert_null(writer);
-  REFUSED(w.context, "path is NULL", ern_video_writer_open(w.context, NULL, &options, &writer));
-  REFUSED(w.context, "options is NULL", ern_video_writer_open(w.context, "a.mp4", NULL, &writer));
-  REFUSED(w.context, "writer is NULL", ern_video_writer_open(w.context, "a.mp4", &options, NULL));
-  REFUSED(w.context, "ern_video_options_default",
-          ern_video_writer_open(w.context, "a.mp4", &(ern_video_options){.width = 16, .height = 16}, &writer));
-  options.crf = 99;
-  REFUSED(w.context, "crf is 99", ern_video_writer_open(w.context, "a.mp4", &options, &writer));
-  options.crf = 15;
-  options.rate_denominator = -1;
-  REFUSED(w.context, "25/-1", ern_video_writer_open(w.context, "a.mp4", &options, &writer));
-  options.rate_denominator = 1;
-  options.sound = &(ern_sound){.rate = 16000, .channels = 1, .frames = 1};
-  REFUSED(w.context, "no samples", ern_video_writer_open(w.context, "a.mp4", &options, &writer));
-  options.size = offsetof(ern_video_options, sound); /* so it is not looked at */
-  support_ok(w.context, ern_video_writer_open(w.context, "a.mp4", &options, &writer));
-  ern_video_writer_abandon(&writer);
-  options.size = sizeof options + 8;
-  REFUSED_LATER(w.context, ern_video_options, ern_video_writer_open(w.context, "a.mp4", &options, &writer));
-}
-CHECK(ern_video_writer_frame) {
-  const ern_video_options options = ern_video_options_default(16, 16);
-  ern_video_writer *writer = NULL;
-  REFUSED_ALONE(ern_video_writer_frame(NULL, pixels));
-  support_ok(w.context, ern_video_writer_open(w.context, "a.mp4", &options, &writer));
-  REFUSED(w.context, "ern_video_writer_frame: rgba is NULL", ern_video_writer_frame(writer, NULL));
-  support_ok(w.context, ern_video_writer_frame(writer, pixels)); /* the writer is none the worse for it */
-  support_ok(w.context, ern_video_writer_close(&writer));
-}
-CHECK(ern_video_writer_close) {
-  ern_video_writer *none = NULL;
-  REFUSED_ALONE(ern_video_writer_close(NULL));
-  REFUSED_ALONE(ern_video_writer_close(&none));
-}
-CHECK(ern_video_join) {
-  const char *const segments[] = {"absent.mp4", NULL};
-  REFUSED_ALONE(ern_video_join(NULL, "joined.mp4", segments, 1, NULL, 0));
-  REFUSED(w.context, "path is NULL", ern_video_join(w.context, NULL, segments, 1, NULL, 0));
-  REFUSED(w.context, "segments is NULL", ern_video_join(w.context, "joined.mp4", NULL, 1, NULL, 0));
-  REFUSED(w.context, "segments[k] is NULL", ern_video_join(w.context, "joined.mp4", segments, 2, NULL, 0));
-  REFUSED(w.context, "0 videos", ern_video_join(w.context, "joined.mp4", segments, 0, NULL, 0));
-  REFUSED(w.context, "starts at -1", ern_video_join(w.context, "joined.mp4", segments, 1, NULL, -1));
-}
-CHECK(ern_video_writer_abandon) {
-  ern_video_writer *none = NULL;
-  ern_video_writer_abandon(NULL);
-  ern_video_writer_abandon(&none);
-}
-CHECK(ern_video_reader_open) {
-  ern_video_reader *reader = (ern_video_reader *)(void *)&w;
-  REFUSED_ALONE(ern_video_reader_open(NULL, "a.mp4", &reader));
-  assert_null(reader);
-  REFUSED(w.context, "path is NULL", ern_video_reader_open(w.context, NULL, &reader));
-  REFUSED(w.context, "reader is NULL", ern_video_reader_open(w.context, "a.mp4", NULL));
-}
-CHECK(ern_video_reader_info) {
-  ern_video_info info = {.width = 7};
-  ern_video_reader_info(NULL, &info);
-  assert_int_equal(info.width, 0);
-  ern_video_reader_info(NULL, NULL);
-}
-CHECK(ern_video_reader_info_sized) { /* a.mp4 is that of ern_video_writer_frame */
-  ern_video_reader *reader = NULL;
-  support_ok(w.context, ern_video_reader_open(w.context, "a.mp4", &reader));
-  ern_video_reader_info_sized(reader, NULL, sizeof(ern_video_info));
-  KEEPS_TO(ern_video_info, ern_video_reader_info_sized(reader, it, bytes));
-  ern_video_reader_free(&reader);
-}
-CHECK(ern_video_reader_frame) { /* a.mp4 is that of ern_video_writer_frame */
-  ern_video_reader *reader = NULL;
-  ern_image image = {0};
-  double seconds;
-  bool end;
-  REFUSED_ALONE(ern_video_reader_frame(NULL, &image, &seconds, &end));
-  support_ok(w.context, ern_video_reader_open(w.context, "a.mp4", &reader));
-  REFUSED(w.context, "image is NULL", ern_video_reader_frame(reader, NULL, &seconds, &end));
-  REFUSED(w.context, "seconds is NULL", ern_video_reader_frame(reader, &image, NULL, &end));
-  REFUSED(w.context, "end is NULL", ern_video_reader_frame(reader, &image, &seconds, NULL));
-  support_ok(w.context, ern_video_reader_frame(reader, &image, &seconds, &end));
-  assert_false(end);
-  ern_image_free(w.context, &image);
-  ern_video_reader_free(&reader);
-}
-CHECK(ern_video_reader_free) {
-  ern_video_reader *none = NULL;
-  ern_video_reader_free(NULL);
-  ern_video_reader_free(&none);
 }
 
 /* ---- dubbing ----------------------------------------------------------------------------------------------------- */
@@ -540,6 +448,7 @@ static const struct arguments_check table[] = {ROW(ern_provenance_default),
                                                ROW(ern_clip_measure_sized),
                                                ROW(ern_video_writer_open),
                                                ROW(ern_video_writer_frame),
+                                               ROW(ern_video_writer_patch),
                                                ROW(ern_video_writer_close),
                                                ROW(ern_video_writer_abandon),
                                                ROW(ern_video_join),
@@ -547,6 +456,12 @@ static const struct arguments_check table[] = {ROW(ern_provenance_default),
                                                ROW(ern_video_reader_info),
                                                ROW(ern_video_reader_info_sized),
                                                ROW(ern_video_reader_frame),
+                                               ROW(ern_video_reader_seek),
+                                               ROW(ern_video_reader_decode),
+                                               ROW(ern_video_reader_rgb),
+                                               ROW(ern_video_frame_is_plain),
+                                               ROW(ern_video_frame_clone),
+                                               ROW(ern_video_frame_free),
                                                ROW(ern_video_reader_free),
                                                ROW(ern_dub_box),
                                                ROW(ern_dub_box_sized),

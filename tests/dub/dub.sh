@@ -26,4 +26,11 @@ model=$(sha256sum < person/portrait.safetensors)
 "$dub" person.mp4 truth/aud.wav -o own.mp4 --minutes 0.1 --size 128
 [ "$model" = "$(sha256sum < person/portrait.safetensors)" ] || fail "the head was trained again"
 ! cmp -s new.mp4 own.mp4 || fail "the words are the same"
+sed -i '/^--head-only /d' person/portrait.txt # as of tools/portrait with a torso
+"$dub" person.mp4 other/aud.wav -o cut.mp4 --rest cut
+[ "$model" = "$(sha256sum < person/portrait.safetensors)" ] || fail "a finished portrait was trained again"
+[ "$(stat -c %s cut.mp4)" -lt "$(stat -c %s new.mp4)" ] || fail "--rest cut is as long as the video"
+status=0
+"$dub" person.mp4 other/aud.wav -o cut.mp4 -y --size 128 2> said.log || status=$?
+[ "$status" = 2 ] && grep -q 'is a finished portrait, expected no --size' said.log || fail "--size was ignored"
 echo "dub.sh: passed"

@@ -7,6 +7,7 @@
 
 #include "core/format.h"
 #include "core/memory.h"
+#include "media/video/video_frame.h"
 
 static const char *const default_preset = "veryfast"; /* thin/defaults.c compares its crf with that of x264's default */
 
@@ -109,22 +110,22 @@ static ern_status open_encoder(struct ern_muxer *muxer, struct ern_picture_track
   return ERN_OK;
 }
 
-/* RGB, full range, to BT.709 Y'CbCr, limited range; chroma sited as H.264's default ("left"). Or to another RGB format.
- */
-static ern_status open_conversion(struct ern_muxer *muxer, struct ern_picture_track *track) {
-  const AVCodecContext *codec = track->codec;
+/* For width x height pixels. RGB, full range, to BT.709 Y'CbCr, limited range; chroma sited as H.264's default
+ * ("left"). Or to another RGB format. */
+static ern_status open_conversion(struct ern_muxer *muxer, const AVCodecContext *codec, int width, int height,
+                                  struct SwsContext **convert) {
   const int *matrix = sws_getCoefficients(SWS_CS_ITU709);
   const bool rgb = is_rgb(codec->pix_fmt);
-  struct SwsContext *made = track->convert = sws_alloc_context();
+  struct SwsContext *made = *convert = sws_alloc_context();
   int error = made != NULL ? 0 : AVERROR(ENOMEM);
   const struct {
     const char *name;
     int value;
-  } options[] = {{"srcw", codec->width},
-                 {"srch", codec->height},
+  } options[] = {{"srcw", width},
+                 {"srch", height},
                  {"src_format", AV_PIX_FMT_RGB0},
-                 {"dstw", codec->width},
-                 {"dsth", codec->height},
+                 {"dstw", width},
+                 {"dsth", height},
                  {"dst_format", codec->pix_fmt},
                  {"src_range", 1},
                  {"dst_range", rgb},
@@ -140,21 +141,26 @@ static ern_status open_conversion(struct ern_muxer *muxer, struct ern_picture_tr
   return ERN_OK;
 }
 
-static ern_status open_frame(struct ern_muxer *muxer, struct ern_picture_track *track) {
-  const AVCodecContext *codec = track->codec;
-  AVFrame *frame = track->frame = av_frame_alloc();
+static ern_status make_frame(struct ern_muxer *muxer, const AVCodecContext *codec, int width, int height,
+                             AVFrame **made) {
+  AVFrame *frame = *made = av_frame_alloc();
   if (frame == NULL) return ern_fail(muxer->context, ERN_E_NO_MEMORY, "%s: no memory for a frame", muxer->path);
   frame->format = codec->pix_fmt;
-  frame->width = codec->width;
-  frame->height = codec->height;
+  frame->width = width;
+  frame->height = height;
   frame->colorspace = codec->colorspace;
   frame->color_primaries = codec->color_primaries;
   frame->color_trc = codec->color_trc;
   frame->color_range = codec->color_range;
   frame->chroma_location = codec->chroma_sample_location;
   const int error = av_frame_get_buffer(frame, 0);
-  if (error < 0) return ern_av_fail(muxer->context, ERN_E_NO_MEMORY, muxer->path, "make a frame", error);
-  if (codec->width == track->width && codec->height == track->height) return ERN_OK;
+  return error < 0 ? ern_av_fail(muxer->context, ERN_E_NO_MEMORY, muxer->path, "make a frame", error) : ERN_OK;
+}
+
+static ern_status open_frame(struct ern_muxer *muxer, struct ern_picture_track *track) {
+  const AVCodecContext *codec = track->codec;
+  const ern_status status = make_frame(muxer, codec, codec->width, codec->height, &track->frame);
+  if (status != ERN_OK || (codec->width == track->width && codec->height == track->height)) return status;
   return ERN_NEW(muxer->context, 4 * (size_t)codec->width * (size_t)codec->height, &track->padded);
 }
 
@@ -163,7 +169,7 @@ ern_status ern_picture_track_open(struct ern_muxer *muxer, int width, int height
   ern_status status = ERN_OK;
   *track = (struct ern_picture_track){.width = width, .height = height};
   ERN_TRY(open_encoder(muxer, track, rate, settings));
-  ERN_TRY(open_conversion(muxer, track));
+  ERN_TRY(open_conversion(muxer, track->codec, track->codec->width, track->codec->height, &track->convert));
   ERN_TRY(open_frame(muxer, track));
 fail:
   return status;
@@ -182,6 +188,14 @@ static void pad(struct ern_picture_track *track, const uint8_t *rgba) {
   }
 }
 
+/* Encodes track->frame. */
+static ern_status encode(struct ern_muxer *muxer, struct ern_picture_track *track) {
+  track->frame->pts = track->count;
+  const ern_status status = ern_muxer_encode(muxer, track->codec, track->stream, track->frame);
+  track->count += status == ERN_OK;
+  return status;
+}
+
 ern_status ern_picture_track_add(struct ern_muxer *muxer, struct ern_picture_track *track, const uint8_t *rgba) {
   ern_context *context = muxer->context;
   AVFrame *frame = track->frame;
@@ -198,9 +212,56 @@ ern_status ern_picture_track_add(struct ern_muxer *muxer, struct ern_picture_tra
   if (rgba != NULL)
     error = sws_scale(track->convert, from, from_bytes, 0, track->codec->height, frame->data, frame->linesize);
   if (error < 0) ERN_TRY(ern_av_fail(context, ERN_E_MEDIA, muxer->path, "convert the colours", error));
-  frame->pts = track->count;
-  ERN_TRY(ern_muxer_encode(muxer, track->codec, track->stream, frame));
-  track->count++;
+  status = encode(muxer, track);
+fail:
+  return status;
+}
+
+/* Makes the conversion and the frame for a part of that size, unless the present ones fit. */
+static ern_status prepare_patch(struct ern_muxer *muxer, struct ern_picture_track *track, int width, int height) {
+  ern_status status = ERN_OK;
+  if (track->patch != NULL && track->patch->width == width && track->patch->height == height) return ERN_OK;
+  av_frame_free(&track->patch);
+  sws_freeContext(track->convert_patch);
+  ERN_TRY(open_conversion(muxer, track->codec, width, height, &track->convert_patch));
+  ERN_TRY(make_frame(muxer, track->codec, width, height, &track->patch));
+fail:
+  return status;
+}
+
+/* Converts rgba and puts it into its place of track->frame. swscale writes whole vectors, past a row's end too, so it
+ * does not write there itself. */
+static ern_status put_patch(struct ern_muxer *muxer, struct ern_picture_track *track, const int part[4],
+                            const uint8_t *rgba) {
+  const uint8_t *const from[4] = {rgba};
+  const int from_bytes[4] = {4 * part[2]};
+  ern_status status = ERN_OK;
+  ERN_TRY(prepare_patch(muxer, track, part[2], part[3]));
+  const AVFrame *patch = track->patch, *frame = track->frame;
+  const int error = sws_scale(track->convert_patch, from, from_bytes, 0, part[3], patch->data, patch->linesize);
+  if (error < 0) ERN_TRY(ern_av_fail(muxer->context, ERN_E_MEDIA, muxer->path, "convert the colours", error));
+  for (int i = 0; i < 3; i++) {
+    const int half = i > 0;
+    uint8_t *to = frame->data[i] + (ptrdiff_t)(part[1] >> half) * frame->linesize[i] + (part[0] >> half);
+    av_image_copy_plane(to, frame->linesize[i], patch->data[i], patch->linesize[i], part[2] >> half, part[3] >> half);
+  }
+fail:
+  return status;
+}
+
+ern_status ern_picture_track_add_patched(struct ern_muxer *muxer, struct ern_picture_track *track,
+                                         const AVFrame *recorded, const int part[4], const uint8_t *rgba) {
+  AVFrame *frame = track->frame;
+  ern_status status = ERN_OK;
+  if (frame->format != recorded->format || frame->width != recorded->width || frame->height != recorded->height)
+    ERN_TRY(ern_fail(muxer->context, ERN_E_UNSUPPORTED,
+                     "%s: a frame of %d x %d pixels of yuv420p, expected the video's size and pixel format",
+                     muxer->path, recorded->width, recorded->height));
+  int error = av_frame_make_writable(frame);
+  if (error >= 0) error = av_frame_copy(frame, recorded);
+  if (error < 0) ERN_TRY(ern_av_fail(muxer->context, ERN_E_NO_MEMORY, muxer->path, "make a frame", error));
+  if (part != NULL) ERN_TRY(put_patch(muxer, track, part, rgba));
+  status = encode(muxer, track);
 fail:
   return status;
 }
@@ -208,6 +269,8 @@ fail:
 void ern_picture_track_close(ern_context *context, struct ern_picture_track *track) {
   av_frame_free(&track->frame);
   sws_freeContext(track->convert);
+  av_frame_free(&track->patch);
+  sws_freeContext(track->convert_patch);
   avcodec_free_context(&track->codec);
   ern_release(context, track->padded);
   *track = (struct ern_picture_track){0};

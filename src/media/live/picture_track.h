@@ -28,6 +28,8 @@ struct ern_picture_track {
   AVCodecContext *codec; /* its sides are even */
   AVStream *stream;
   struct SwsContext *convert;
+  struct SwsContext *convert_patch; /* of a part of patch's size */
+  AVFrame *patch;
   AVFrame *frame;  /* in the codec's pixel format: yuv420p, or one of RGB */
   uint8_t *padded; /* [codec->height][codec->width][4]; NULL where the sides are even */
   int64_t count;   /* pictures so far */
@@ -40,6 +42,10 @@ ERN_NODISCARD ern_status ern_picture_track_open(struct ern_muxer *muxer, int wid
 /* rgba: [height][width][4], or NULL: repeats the last picture (black where there is none). */
 ERN_NODISCARD ern_status ern_picture_track_add(struct ern_muxer *muxer, struct ern_picture_track *track,
                                                const uint8_t *rgba);
+/* The recorded frame, yuv420p, with the part (x, y, width, height, even; NULL: none) replaced by rgba
+ * [height][width][4]. ERN_E_UNSUPPORTED: the track has another size or pixel format. */
+ERN_NODISCARD ern_status ern_picture_track_add_patched(struct ern_muxer *muxer, struct ern_picture_track *track,
+                                                       const AVFrame *recorded, const int part[4], const uint8_t *rgba);
 void ern_picture_track_close(ern_context *context, struct ern_picture_track *track); /* accepts a zeroed one */
 
 #endif

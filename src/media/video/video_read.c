@@ -14,6 +14,7 @@
 #include "ernerf/media.h"
 #include "media/ffmpeg.h"
 #include "media/image.h"
+#include "media/video/video_frame.h"
 #include "media/video/video_sdr.h"
 
 /* What a conversion to RGB depends on. */
@@ -35,6 +36,7 @@ struct ern_video_reader {
   uint16_t *deep;            /* [height][width][3]: RGB before `sdr` */
   int quarters;              /* clockwise rotations by 90 degrees that the file asks for: 0..3 */
   ern_image lying;           /* the frame before rotation */
+  bool found;                /* decoder.frame is the frame that a seek found, and the next one to be read */
 };
 
 static void copy_name(char to[32], const char *name) { snprintf(to, 32, "%s", name != NULL ? name : "unknown"); }
@@ -126,8 +128,9 @@ static enum AVPixelFormat plain_format(enum AVPixelFormat format, bool *full) {
   }
 }
 
-/* *made: the conversion to RGB of `target` for such frames. */
-static int make_convert(const AVFrame *frame, enum AVPixelFormat target, struct SwsContext **made) {
+/* *made: the conversion to RGB of `target` for width x height pixels of such frames. */
+static int make_convert(const AVFrame *frame, int width, int height, enum AVPixelFormat target,
+                        struct SwsContext **made) {
   *made = sws_alloc_context();
   int error = *made != NULL ? 0 : AVERROR(ENOMEM);
   bool full = frame->color_range == AVCOL_RANGE_JPEG;
@@ -137,11 +140,11 @@ static int make_convert(const AVFrame *frame, enum AVPixelFormat target, struct 
   const struct {
     const char *name;
     int value;
-  } options[] = {{"srcw", frame->width},
-                 {"srch", frame->height},
+  } options[] = {{"srcw", width},
+                 {"srch", height},
                  {"src_format", format},
-                 {"dstw", frame->width},
-                 {"dsth", frame->height},
+                 {"dstw", width},
+                 {"dsth", height},
                  {"dst_format", target},
                  {"src_range", full},
                  {"dst_range", 1},
@@ -168,12 +171,12 @@ static void free_convert(ern_video_reader *reader) {
   reader->deep = NULL;
 }
 
-/* Makes the conversion for frames of this form, unless the present one fits. */
-static ern_status prepare(ern_video_reader *reader, const AVFrame *frame) {
+/* Makes the conversion for width x height pixels of frames of this form, unless the present one fits. */
+static ern_status prepare(ern_video_reader *reader, const AVFrame *frame, int width, int height) {
   ern_context *context = reader->context;
   const char *path = reader->decoder.path;
-  const struct form old = reader->form, form = {.width = frame->width,
-                                                .height = frame->height,
+  const struct form old = reader->form, form = {.width = width,
+                                                .height = height,
                                                 .format = frame->format,
                                                 .space = frame->colorspace,
                                                 .range = frame->color_range,
@@ -191,7 +194,8 @@ static ern_status prepare(ern_video_reader *reader, const AVFrame *frame) {
     ERN_TRY(ERN_NEW(context, (size_t)form.width * (size_t)form.height * 3, &reader->deep));
     ern_log(context, ERN_LOG_INFO, "%s: %s, converted to SDR (BT.709)", path, ern_video_sdr_words(reader->sdr));
   }
-  const int error = make_convert(frame, reader->sdr != NULL ? AV_PIX_FMT_RGB48 : AV_PIX_FMT_RGB24, &reader->convert);
+  const enum AVPixelFormat target = reader->sdr != NULL ? AV_PIX_FMT_RGB48 : AV_PIX_FMT_RGB24;
+  const int error = make_convert(frame, width, height, target, &reader->convert);
   if (error < 0) ERN_TRY(ern_av_fail(context, ERN_E_MEDIA, path, "convert the colours", error));
   reader->form = form;
   return ERN_OK;
@@ -200,44 +204,134 @@ fail:
   return status;
 }
 
-/* *image, of the frame's size, = the frame as RGB. */
-static ern_status convert(ern_video_reader *reader, const AVFrame *frame, ern_image *image) {
+/* *image, of the part's size, = the part of the frame as RGB. */
+static ern_status convert(ern_video_reader *reader, const AVFrame *frame, const int part[4], ern_image *image) {
   struct ern_video_sdr *sdr = reader->sdr;
+  const uint8_t *from[4];
   uint8_t *const to[4] = {sdr != NULL ? (uint8_t *)reader->deep : image->data};
-  const int to_bytes[4] = {frame->width * 3 * (sdr != NULL ? (int)sizeof *reader->deep : 1)};
-  const int error =
-      sws_scale(reader->convert, (const uint8_t *const *)frame->data, frame->linesize, 0, frame->height, to, to_bytes);
+  const int to_bytes[4] = {part[2] * 3 * (sdr != NULL ? (int)sizeof *reader->deep : 1)};
+  ern_video_frame_planes(frame, part, from);
+  const int error = sws_scale(reader->convert, from, frame->linesize, 0, part[3], to, to_bytes);
   if (error < 0) return ern_av_fail(reader->context, ERN_E_MEDIA, reader->decoder.path, "convert the colours", error);
-  if (sdr != NULL) ern_video_sdr_convert(sdr, reader->deep, (size_t)frame->width * (size_t)frame->height, image->data);
+  if (sdr != NULL) ern_video_sdr_convert(sdr, reader->deep, (size_t)part[2] * (size_t)part[3], image->data);
   return ERN_OK;
 }
 
-ern_status ern_video_reader_frame(ern_video_reader *reader, ern_image *image, double *seconds, bool *end) {
+/* *image = the part of the frame (of one with other quarters than 0: the whole frame) as RGB, upright. */
+static ern_status rgb_of(ern_video_reader *reader, const AVFrame *frame, const int part[4], ern_image *image) {
   static const int orientation[4] = {1, 6, 3, 8}; /* EXIF's, of clockwise quarter turns */
+  ern_context *context = reader->context;
+  const char *path = reader->decoder.path;
+  ern_status status = ERN_OK;
+  ERN_TRY(prepare(reader, frame, part[2], part[3]));
+  ern_image *straight = reader->quarters != 0 ? &reader->lying : image;
+  ERN_TRY(ern_image_fit(context, path, part[2], part[3], 3, straight));
+  ERN_TRY(convert(reader, frame, part, straight));
+  if (reader->quarters != 0) ERN_TRY(ern_image_turn(context, path, straight, orientation[reader->quarters], image));
+fail:
+  return status;
+}
+
+/* The next frame, into decoder.frame, and its time. */
+static ern_status decode(ern_video_reader *reader, double *seconds, bool *end) {
+  const AVFrame *frame = reader->decoder.frame;
+  ern_status status = ERN_OK;
+  *end = false;
+  if (!reader->found) ERN_TRY(ern_decoder_next(&reader->decoder, end));
+  reader->found = false;
+  if (*end) return ERN_OK;
+  ERN_TRY(ern_image_check_sides(reader->context, reader->decoder.path, frame->width, frame->height));
+  if (frame->best_effort_timestamp == AV_NOPTS_VALUE)
+    ERN_TRY(ern_fail(reader->context, ERN_E_FORMAT, "%s: a frame has no time", reader->decoder.path));
+  *seconds = (double)frame->best_effort_timestamp * av_q2d(reader->decoder.stream->time_base);
+fail:
+  return status;
+}
+
+ern_status ern_video_reader_frame(ern_video_reader *reader, ern_image *image, double *seconds, bool *end) {
   ERN_PLAIN_FLOATS;
   ERN_NEED(NULL, reader);
   ern_context *context = reader->context;
-  const char *path = reader->decoder.path;
   ERN_NEED(context, image);
   ERN_NEED(context, seconds);
   ERN_NEED(context, end);
-  ern_status status = ERN_OK;
   const AVFrame *frame = reader->decoder.frame;
-  ERN_TRY(ern_decoder_next(&reader->decoder, end));
-  if (*end) return ERN_OK;
-  ERN_TRY(ern_image_check_sides(context, path, frame->width, frame->height));
-  ERN_TRY(prepare(reader, frame));
-  ern_image *straight = reader->quarters != 0 ? &reader->lying : image;
-  ERN_TRY(ern_image_fit(context, path, frame->width, frame->height, 3, straight));
-  ERN_TRY(convert(reader, frame, straight));
-  if (reader->quarters != 0) ERN_TRY(ern_image_turn(context, path, straight, orientation[reader->quarters], image));
-  if (frame->best_effort_timestamp == AV_NOPTS_VALUE) {
-    ERN_TRY(ern_fail(context, ERN_E_FORMAT, "%s: a frame has no time", path));
-  }
-  const AVRational unit = reader->decoder.stream->time_base;
-  *seconds = (double)frame->best_effort_timestamp * unit.num / unit.den;
+  const ern_status status = decode(reader, seconds, end);
+  if (status != ERN_OK || *end) return status;
+  return rgb_of(reader, frame, (const int[4]){0, 0, frame->width, frame->height}, image);
+}
+
+/* Whether a writer of yuv420p would code such pixels as they are: 8 bits, 4:2:0, BT.709 or no tags, limited range. */
+static bool is_plain(const ern_video_reader *reader, const AVFrame *frame) {
+  const bool usual = (frame->color_trc == AVCOL_TRC_BT709 || frame->color_trc == AVCOL_TRC_UNSPECIFIED) &&
+                     (frame->color_primaries == AVCOL_PRI_BT709 || frame->color_primaries == AVCOL_PRI_UNSPECIFIED);
+  const bool left = frame->chroma_location == AVCHROMA_LOC_LEFT || frame->chroma_location == AVCHROMA_LOC_UNSPECIFIED;
+  return reader->quarters == 0 && usual && frame->format == AV_PIX_FMT_YUV420P && left &&
+         frame->color_range != AVCOL_RANGE_JPEG && matrix_of(frame) == sws_getCoefficients(SWS_CS_ITU709) &&
+         frame->width % 2 == 0 && frame->height % 2 == 0;
+}
+
+ern_status ern_video_reader_decode(ern_video_reader *reader, ern_video_frame **frame, double *seconds) {
+  ERN_PLAIN_FLOATS;
+  if (frame != NULL) *frame = NULL;
+  ERN_NEED(NULL, reader);
+  ern_context *context = reader->context;
+  ERN_NEED(context, frame);
+  ERN_NEED(context, seconds);
+  const AVFrame *decoded = reader->decoder.frame;
+  bool end = false;
+  ern_status status = ERN_OK;
+  ERN_TRY(decode(reader, seconds, &end));
+  if (end) return ERN_OK;
+  ERN_TRY(ern_video_frame_make(context, decoded, is_plain(reader, decoded), frame));
 fail:
   return status;
+}
+
+ern_status ern_video_reader_rgb(ern_video_reader *reader, const ern_video_frame *frame, const int part[4],
+                                ern_image *image) {
+  ERN_PLAIN_FLOATS;
+  ERN_NEED(NULL, reader);
+  ERN_NEED(reader->context, frame);
+  ERN_NEED(reader->context, image);
+  const int whole[4] = {0, 0, frame->frame->width, frame->frame->height};
+  if (part == NULL) return rgb_of(reader, frame->frame, whole, image);
+  const ern_status status = ern_video_frame_check(reader->context, reader->decoder.path, frame, part);
+  return status == ERN_OK ? rgb_of(reader, frame->frame, part, image) : status;
+}
+
+/* Decodes from the last key frame on that lies at or before `at`, until a frame of that time or a later one. */
+static ern_status seek(ern_video_reader *reader, int64_t at) {
+  struct ern_decoder *decoder = &reader->decoder;
+  const AVRational unit = decoder->stream->time_base;
+  const int64_t second = av_rescale_q(1, (AVRational){1, 1}, unit), begins = decoder->stream->start_time;
+  const int64_t first = begins != AV_NOPTS_VALUE ? begins : 0;
+  bool end = false;
+  ern_status status = ERN_OK;
+  /* an index of decoding times may lead to a key frame that is shown later */
+  for (int64_t to = at, back = second;; to -= back, back *= 2) {
+    if (to < first) to = first;
+    const int error = av_seek_frame(decoder->container, decoder->stream->index, to, AVSEEK_FLAG_BACKWARD);
+    if (error < 0) ERN_TRY(ern_av_fail(reader->context, ERN_E_UNSUPPORTED, decoder->path, "go back in it", error));
+    avcodec_flush_buffers(decoder->codec);
+    decoder->drained = false;
+    ERN_TRY(ern_decoder_next(decoder, &end));
+    if (to == first || (!end && decoder->frame->best_effort_timestamp <= at)) break;
+  }
+  while (!end && decoder->frame->best_effort_timestamp < at) ERN_TRY(ern_decoder_next(decoder, &end));
+  reader->found = !end;
+fail:
+  return status;
+}
+
+ern_status ern_video_reader_seek(ern_video_reader *reader, double seconds) {
+  ERN_PLAIN_FLOATS;
+  ERN_NEED(NULL, reader);
+  if (!(fabs(seconds) < 1e9))
+    return ern_fail(reader->context, ERN_E_ARGUMENT, "%s: second %g, expected a time in it", reader->decoder.path,
+                    seconds);
+  reader->found = false;
+  return seek(reader, (int64_t)ceil(seconds / av_q2d(reader->decoder.stream->time_base) - 1e-3));
 }
 
 void ern_video_reader_free(ern_video_reader **reader) {

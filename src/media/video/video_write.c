@@ -11,6 +11,7 @@
 #include "media/ffmpeg.h"
 #include "media/image.h"
 #include "media/live/picture_track.h"
+#include "media/video/video_frame.h"
 #include "media/video/video_sound.h"
 
 enum { MAX_RATE_PART = 1000000 };
@@ -116,24 +117,46 @@ fail:
   return status;
 }
 
-static ern_status write_frame(ern_video_writer *writer, const uint8_t *rgba) {
+/* Writes rgba, or where there is a recorded frame that one, its part replaced by rgba. */
+static ern_status write_frame(ern_video_writer *writer, const ern_video_frame *recorded, const int part[4],
+                              const uint8_t *rgba) {
+  struct ern_muxer *muxer = &writer->muxer;
   ern_status status = ERN_OK;
-  ERN_TRY(ern_picture_track_add(&writer->muxer, &writer->pictures, rgba));
-  ERN_TRY(ern_sound_track_advance(&writer->muxer, &writer->sound, writer->pictures.count, writer->rate, false));
+  ERN_TRY(recorded == NULL ? ern_picture_track_add(muxer, &writer->pictures, rgba)
+                           : ern_picture_track_add_patched(muxer, &writer->pictures, recorded->frame, part, rgba));
+  ERN_TRY(ern_sound_track_advance(muxer, &writer->sound, writer->pictures.count, writer->rate, false));
 fail:
   return status;
+}
+
+/* As write_frame; after a failure it fails in the same way. */
+static ern_status write_unless_broken(ern_video_writer *writer, const ern_video_frame *recorded, const int part[4],
+                                      const uint8_t *rgba) {
+  if (writer->broken == ERN_OK) {
+    writer->broken = write_frame(writer, recorded, part, rgba);
+    if (writer->broken == ERN_OK) return ERN_OK;
+    (void)ern_last_error_copy(writer->context, writer->broken_text, sizeof writer->broken_text);
+  }
+  return ern_fail(writer->context, writer->broken, "%s", writer->broken_text);
 }
 
 ern_status ern_video_writer_frame(ern_video_writer *writer, const uint8_t *rgba) {
   ERN_PLAIN_FLOATS;
   ERN_NEED(NULL, writer);
   ERN_NEED(writer->context, rgba);
-  if (writer->broken == ERN_OK) {
-    writer->broken = write_frame(writer, rgba);
-    if (writer->broken == ERN_OK) return ERN_OK;
-    (void)ern_last_error_copy(writer->context, writer->broken_text, sizeof writer->broken_text);
-  }
-  return ern_fail(writer->context, writer->broken, "%s", writer->broken_text);
+  return write_unless_broken(writer, NULL, NULL, rgba);
+}
+
+ern_status ern_video_writer_patch(ern_video_writer *writer, const ern_video_frame *frame, const int part[4],
+                                  const uint8_t *rgba) {
+  ERN_PLAIN_FLOATS;
+  ERN_NEED(NULL, writer);
+  ERN_NEED(writer->context, frame);
+  const int whole[4] = {0, 0, frame->frame->width, frame->frame->height};
+  if (part != NULL) ERN_NEED(writer->context, rgba);
+  const ern_status status =
+      ern_video_frame_check(writer->context, writer->file.path, frame, part != NULL ? part : whole);
+  return status == ERN_OK ? write_unless_broken(writer, frame, part, rgba) : status;
 }
 
 /* Flushes the encoders, writes the trailer, closes the file. */

@@ -59,20 +59,58 @@ static int read_square(struct recorded_video *video, struct session *session, co
                            video->info.width, video->info.height);
 }
 
-/* The frame after `next` becomes `next`. A frame whose time is not later is left out. */
+static void drop(struct recorded_video *video, size_t frames) {
+  for (size_t i = 0; i < frames; i++) ern_video_frame_free(&video->window[i].frame);
+  video->count -= frames;
+  memmove(video->window, video->window + frames, video->count * sizeof *video->window);
+}
+
+/* Decodes the next frame into the window. A frame whose time is not later than the last one's is left out. */
 static int advance(struct recorded_video *video, struct session *session) {
-  const ern_image reused = video->now;
-  bool end = false;
-  video->now = video->next;
-  video->now_at = video->next_at;
-  video->has_now = video->has_next;
-  video->next = reused;
-  do {
-    if (ern_video_reader_frame(video->reader, &video->next, &video->next_at, &end) != ERN_OK)
-      return session_fail(session);
-  } while (!end && video->has_now && video->next_at <= video->now_at);
-  video->has_next = !end;
+  struct recorded_frame next = {0};
+  for (;;) {
+    if (ern_video_reader_decode(video->reader, &next.frame, &next.at) != ERN_OK) return session_fail(session);
+    if (next.frame == NULL || video->count == 0 || next.at > video->window[video->count - 1].at) break;
+    ern_video_frame_free(&next.frame);
+  }
+  video->ended = next.frame == NULL;
+  if (video->ended) return 0;
+  if (video->count == video->places) drop(video, 1);
+  video->window[video->count++] = next;
   return 0;
+}
+
+static double rate_of(const struct recorded_video *video) {
+  return (double)video->info.rate_numerator / video->info.rate_denominator;
+}
+
+/* The window begins before `at`: as many frames of the guessed rate as it has places for, more where frames last
+ * longer. */
+static int go_back(struct recorded_video *video, struct session *session, double at) {
+  const double rate = rate_of(video);
+  double span = (double)(video->places - 2) / (rate >= 1 ? rate : 1), from;
+  do {
+    from = fmax(at - span, video->first);
+    span *= 2;
+    drop(video, video->count);
+    if (ern_video_reader_seek(video->reader, from) != ERN_OK) return session_fail(session);
+    if (advance(video, session) != 0) return EXIT_FAILURE;
+  } while (from > video->first && (video->count == 0 || video->window[0].at > at));
+  return video->count > 0 ? 0 : session_fail_with(session, "%s: cannot be read once more", video->path);
+}
+
+static int keep(struct recorded_video *video, struct session *session, size_t places) {
+  struct recorded_frame *window = realloc(video->window, places * sizeof *window);
+  if (window == NULL) return session_fail_with(session, "%s: no memory for %zu frames", video->path, places);
+  video->window = window;
+  video->places = places;
+  return 0;
+}
+
+int recorded_video_keep(struct recorded_video *video, struct session *session) {
+  const size_t frame = (size_t)video->info.width * (size_t)video->info.height * 3 / 2 + 1;
+  const size_t places = ((size_t)128 << 20) / frame;
+  return keep(video, session, places < 8 ? 8 : places > 64 ? 64 : places);
 }
 
 int recorded_video_open(struct recorded_video *video, struct session *session, const char *path, const char *clip) {
@@ -99,26 +137,30 @@ int recorded_video_open(struct recorded_video *video, struct session *session, c
     status = read_square(video, session, record, crop);
   }
   json_decref(root);
+  if (status == 0) status = keep(video, session, 2);
   if (status == 0) status = advance(video, session);
-  if (status == 0 && !video->has_next) status = session_fail_with(session, "%s: has no frame", path);
-  video->first = video->next_at;
-  return status == 0 ? advance(video, session) : status;
+  if (status == 0 && video->ended) status = session_fail_with(session, "%s: has no frame", path);
+  if (status == 0) video->first = video->window[0].at;
+  return status;
 }
 
 int recorded_video_frame(struct recorded_video *video, struct session *session, double seconds,
-                         const ern_image **image) {
+                         const ern_video_frame **frame) {
   const double at = video->first + video->from + seconds + EARLY;
-  while (video->has_next && video->next_at <= at)
+  if (video->window[0].at > at && go_back(video, session, at) != 0) return EXIT_FAILURE;
+  while (!video->ended && video->window[video->count - 1].at <= at)
     if (advance(video, session) != 0) return EXIT_FAILURE;
-  const double rate = (double)video->info.rate_numerator / video->info.rate_denominator;
+  size_t shown = video->count - 1;
+  while (shown > 0 && video->window[shown].at > at) shown--;
   /* the last frame is shown as long as one of the guessed rate, and up to the end of the clip's frame that shows it */
-  const bool past = !video->has_next && at > video->now_at + fmax(1 / rate, 0) + 0.04 + EARLY;
-  *image = past ? NULL : &video->now;
+  const bool past =
+      video->ended && at > video->window[video->count - 1].at + fmax(1 / rate_of(video), 0) + 0.04 + EARLY;
+  *frame = past ? NULL : video->window[shown].frame;
   return 0;
 }
 
-void recorded_video_close(struct recorded_video *video, struct session *session) {
+void recorded_video_close(struct recorded_video *video) {
+  if (video->window != NULL) drop(video, video->count);
+  free(video->window);
   ern_video_reader_free(&video->reader);
-  ern_image_free(session->context, &video->now);
-  ern_image_free(session->context, &video->next);
 }

@@ -197,7 +197,7 @@ static int open_poses(struct live_job *job, const struct args *args) {
   struct frame_source *poses = &job->poses;
   int status = frame_source_of_clip(poses, session, job->portrait.clip, FRAME_SOURCE_ALL);
   if (status == 0) status = control_clip(&job->control, session, args, poses);
-  if (status == 0) status = frame_source_replay(poses, session, poses->count > 1 ? 2 * poses->count - 1 : 2);
+  if (status == 0) status = frame_source_replay(poses, session, poses->count > 1 ? 2 * poses->count - 1 : 2, NULL);
   if (status != 0) return status;
   job->now = *poses;
   job->now.source_frame = &job->place;

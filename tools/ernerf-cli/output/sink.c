@@ -48,6 +48,13 @@ void sink_options(struct sink *sink, struct option options[SINK_OPTIONS]) {
   ARGS_FILL(options, rows, SINK_OPTIONS);
 }
 
+void sink_code_fast(struct sink *sink) {
+  const char *dot = strrchr(sink->path, '.');
+  if (dot != NULL && strcasecmp(dot, ".webm") == 0) return; /* vp9 */
+  sink->preset = 1;                                         /* superfast */
+  sink->crf = 16;
+}
+
 bool sink_is_opaque(const struct sink *sink) {
   return sink->kind == SINK_VIDEO || sink->kind == SINK_JPEG || sink->kind == SINK_STREAM;
 }
@@ -198,7 +205,16 @@ static void drop_alpha(uint8_t *rgba, size_t pixels) {
   for (size_t i = 1; i < pixels; i++) memmove(rgba + 3 * i, rgba + 4 * i, 3);
 }
 
-static bool write_picture(struct sink *sink, const struct sink_picture *picture) {
+/* Writes the picture of a video, and gives its recorded frame back. */
+static ern_status write_video(struct sink *sink, struct sink_picture *picture) {
+  if (picture->recorded == NULL) return ern_video_writer_frame(sink->video, picture->rgba);
+  const ern_status status = ern_video_writer_patch(sink->video, picture->recorded,
+                                                   picture->part[2] > 0 ? picture->part : NULL, picture->rgba);
+  ern_video_frame_free(&picture->recorded);
+  return status;
+}
+
+static bool write_picture(struct sink *sink, struct sink_picture *picture) {
   const size_t bytes = (size_t)sink->width * (size_t)sink->height * 4;
   char path[PATH_BYTES];
   ern_status status = ERN_OK;
@@ -207,7 +223,7 @@ static bool write_picture(struct sink *sink, const struct sink_picture *picture)
     return give_up(sink, "standard output: cannot be written: %s", strerror(errno));
   }
   if (sink->kind == SINK_VIDEO) {
-    status = ern_video_writer_frame(sink->video, picture->rgba);
+    status = write_video(sink, picture);
   } else if (sink->kind == SINK_STREAM) {
     status = write_streamed(sink, picture->rgba);
   } else {
@@ -355,6 +371,20 @@ void sink_put(struct sink *sink, size_t number) {
   queue_push(&sink->queue);
 }
 
+bool sink_takes_recorded(const struct sink *sink) {
+  return sink->kind == SINK_VIDEO && !is_gif(sink) && (sink->codec < 0 || strcmp(codecs[sink->codec], "ffv1") != 0);
+}
+
+int sink_put_patched(struct sink *sink, struct session *session, const ern_video_frame *recorded, const int part[4]) {
+  const int place = queue_wait_for_slot(&sink->queue); /* the place of sink_next */
+  if (place == QUEUE_CLOSED) return 0;                 /* the next sink_next reports the error */
+  struct sink_picture *picture = &sink->pictures[place];
+  if (ern_video_frame_clone(session->context, recorded, &picture->recorded) != ERN_OK) return session_fail(session);
+  memcpy(picture->part, part, sizeof picture->part);
+  queue_push(&sink->queue);
+  return 0;
+}
+
 int sink_close(struct sink *sink, struct session *session) {
   end_writer(sink);
   if (sink->queue.broken) return report_error(sink, session);
@@ -371,6 +401,7 @@ void sink_free(struct sink *sink) {
   free(sink->samples);
   for (size_t i = 0; i < SINK_PICTURES; i++) {
     struct sink_picture *picture = &sink->pictures[i];
+    ern_video_frame_free(&picture->recorded);
     free(picture->rgba);
     free(picture->rgb);
     free(picture->alpha);

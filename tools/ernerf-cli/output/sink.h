@@ -26,6 +26,8 @@ struct sink_picture {
   uint8_t *rgba;                                /* [height][width][4]; for all kinds but SINK_EXR */
   float *rgb, *alpha, *depth, *attention, *eye; /* for SINK_EXR: [height][width] each, rgb [height][width][3] */
   size_t number;                                /* of the frame, for its picture's name */
+  ern_video_frame *recorded;                    /* NULL, or a frame of which rgba replaces `part` */
+  int part[4];                                  /* x, y, width, height; no width: nothing is replaced */
 };
 
 /* One is drawn while another is written and a third waits, so that frames of uneven cost stall neither thread. */
@@ -61,6 +63,10 @@ enum { SINK_OPTIONS = 4 };
 /* --crf --preset --codec --format. */
 void sink_options(struct sink *sink, struct option options[SINK_OPTIONS]);
 
+/* After sink_choose, where no option of coding is given: other values than the defaults for h264, which make files of
+ * about the same size and PSNR in less time. */
+void sink_code_fast(struct sink *sink);
+
 /* Whether the output has no alpha; whether it can hold sound. */
 bool sink_is_opaque(const struct sink *sink);
 bool sink_has_sound(const struct sink *sink);
@@ -83,6 +89,11 @@ int sink_open(struct sink *sink, struct session *session, int width, int height,
 int sink_next(struct sink *sink, struct session *session, ern_frame_output *output);
 /* Hands the picture of the last sink_next to the writer. `number` names its picture. */
 void sink_put(struct sink *sink, size_t number);
+/* Whether sink_put_patched may be called: the output is a video of yuv420p. */
+bool sink_takes_recorded(const struct sink *sink);
+/* As sink_put of a video, but the frame is `recorded`, a plain one, where the part (x, y, width, height; no width:
+ * nothing) is replaced: rgba of sink_next has [height][width][4]. Keeps a reference to the frame. */
+int sink_put_patched(struct sink *sink, struct session *session, const ern_video_frame *recorded, const int part[4]);
 /* Waits for the last frame and completes the output; only then does a video appear under its path. */
 int sink_close(struct sink *sink, struct session *session);
 /* Frees everything, in any state; an unfinished video is removed. */

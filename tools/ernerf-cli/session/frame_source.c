@@ -150,11 +150,12 @@ void frame_source_fix_eye(struct frame_source *frame_source, float eye) {
   for (size_t k = 0; k < frame_source->count; k++) frame_source->source_frame[k].eye = eye;
 }
 
-int frame_source_replay(struct frame_source *frame_source, struct session *session, size_t windows) {
+int frame_source_replay(struct frame_source *frame_source, struct session *session, size_t windows,
+                        const size_t *order) {
   struct source_frame *played = calloc(windows, sizeof *played);
   if (played == NULL) return no_memory(session, windows);
   for (size_t t = 0; t < windows; t++) {
-    played[t] = frame_source->source_frame[ern_pose_index(t, frame_source->count)];
+    played[t] = frame_source->source_frame[order != NULL ? order[t] : ern_pose_index(t, frame_source->count)];
     played[t].pose.aud_id = (int64_t)t;
   }
   free(frame_source->source_frame);

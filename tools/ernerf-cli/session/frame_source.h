@@ -57,8 +57,10 @@ void frame_source_turn(struct frame_source *frame_source, struct pair degrees);
 int frame_source_smooth_eye(struct frame_source *frame_source, struct session *session);
 void frame_source_fix_eye(struct frame_source *frame_source, float eye);
 
-/* Makes one frame for each of `windows` windows; poses and eye values are replayed forward and backward. */
-int frame_source_replay(struct frame_source *frame_source, struct session *session, size_t windows);
+/* Makes one frame for each of `windows` windows. Window t gets pose and eye value of frame order[t]; NULL: they are
+ * replayed forward and backward. */
+int frame_source_replay(struct frame_source *frame_source, struct session *session, size_t windows,
+                        const size_t *order);
 /* Resamples the output to `rate` frames a second: interpolates poses, eye values and, in frame_source_windows, the
  * windows of `features` between the frames at 25 fps. After the last of these the last one is held. At 25 fps nothing
  * changes. */

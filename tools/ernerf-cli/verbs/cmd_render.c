@@ -159,7 +159,8 @@ static int open_frames(struct render_job *job, const struct args *args) {
                                                              (enum frame_source_split)portrait->split)
                                       : frame_source_of_poses(frame_source, session, job->poses);
   if (status == 0) status = control_clip(&job->control, session, args, frame_source);
-  if (status == 0 && job->audio != NULL) status = frame_source_replay(frame_source, session, job->features->windows);
+  if (status == 0 && job->audio != NULL)
+    status = frame_source_replay(frame_source, session, job->features->windows, NULL);
   if (status == 0) status = frame_source_resample(frame_source, session, job->rate, job->features);
   if (status == 0) status = portrait_cut(portrait, session, args, frame_source, job->features);
   return status == 0 ? control_output(&job->control, session, frame_source) : status;
