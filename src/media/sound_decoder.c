@@ -209,6 +209,34 @@ ern_status ern_sound_decoder_next(struct ern_sound_decoder *sound, bool *end) {
   return ERN_OK;
 }
 
+/* Clips samples that are floating-point numbers to full scale, as integers of swresample wrap beyond it. */
+static ern_status clip_samples(struct ern_sound_decoder *sound) {
+  const struct ern_decoder *decoder = &sound->decoder;
+  AVFrame *frame = decoder->frame;
+  const enum AVSampleFormat packed = av_get_packed_sample_fmt(sound->from);
+  const bool planar = av_sample_fmt_is_planar(sound->from) != 0;
+  const size_t planes = planar ? (size_t)sound->channels : 1;
+  const size_t count = (size_t)frame->nb_samples * (size_t)sound->channels / planes;
+  if (packed != AV_SAMPLE_FMT_FLT && packed != AV_SAMPLE_FMT_DBL) return ERN_OK;
+  const int error = av_frame_make_writable(frame);
+  if (error < 0) return ern_av_fail(decoder->context, ERN_E_MEDIA, decoder->path, "convert its samples", error);
+  for (size_t c = 0; c < planes; c++)
+    for (size_t i = 0; i < count; i++) {
+      float *single = (float *)(void *)frame->extended_data[c] + i;
+      double *twofold = (double *)(void *)frame->extended_data[c] + i;
+      const double value = packed == AV_SAMPLE_FMT_FLT ? (double)*single : *twofold;
+      if (!isfinite(value))
+        return ern_fail(decoder->context, ERN_E_NONFINITE, "%s: its sound has a sample that is no finite number",
+                        decoder->path);
+      if (fabs(value) <= 1) continue;
+      if (packed == AV_SAMPLE_FMT_FLT)
+        *single = value > 0 ? 1 : -1;
+      else
+        *twofold = value > 0 ? 1 : -1;
+    }
+  return ERN_OK;
+}
+
 ern_status ern_sound_decoder_take(struct ern_sound_decoder *sound, void *samples) {
   const AVFrame *frame = sound->decoder.frame;
   const bool planar = av_sample_fmt_is_planar(sound->from) != 0;
@@ -216,6 +244,8 @@ ern_status ern_sound_decoder_take(struct ern_sound_decoder *sound, void *samples
       sound->skip * (size_t)av_get_bytes_per_sample(sound->from) * (planar ? 1 : (size_t)sound->channels);
   const uint8_t *from[MAX_CHANNELS] = {NULL};
   uint8_t *to = samples;
+  const ern_status status = sound->format == AV_SAMPLE_FMT_S16 ? clip_samples(sound) : ERN_OK;
+  if (status != ERN_OK) return status;
   for (int c = 0; c < (planar ? sound->channels : 1); c++) from[c] = frame->extended_data[c] + before;
   const int count = (int)sound->frames, made = swr_convert(sound->convert, &to, count, from, count);
   if (made < 0)
