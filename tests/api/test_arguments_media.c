@@ -215,8 +215,8 @@ CHECK(ern_video_writer_open) {
   options.crf = 99;
   REFUSED(w.context, "crf is 99", ern_video_writer_open(w.context, "a.mp4", &options, &writer));
   options.crf = 15;
-  options.rate_denominator = -1;
-  REFUSED(w.context, "25/-1", ern_video_writer_open(w.context, "a.mp4", &options, &writer));
+  options.rate_denominator = 2501;
+  REFUSED(w.context, "is 25/2501 frames", ern_video_writer_open(w.context, "a.mp4", &options, &writer));
   options.rate_denominator = 1;
   options.sound = &(ern_sound){.rate = 16000, .channels = 1, .frames = 1};
   REFUSED(w.context, "no samples", ern_video_writer_open(w.context, "a.mp4", &options, &writer));

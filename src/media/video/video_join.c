@@ -11,6 +11,7 @@
 #include "ernerf/media.h"
 #include "io/file.h"
 #include "media/ffmpeg.h"
+#include "media/live/picture_track.h"
 #include "media/video/video_sound.h"
 
 enum { MOST_XMP = 1 << 20 };
@@ -95,8 +96,11 @@ static ern_status look_at(struct joined *j, struct segment *s, const struct segm
   bool end = false;
   int64_t count = 0, last = -1;
   ern_status status = ERN_OK;
-  if (first == NULL) j->rate = rate;
-  if (rate.num <= 0 || rate.den <= 0 || av_cmp_q(rate, j->rate) != 0)
+  if (first == NULL) {
+    j->rate = rate;
+    ERN_TRY(ern_picture_rate_check(j->context, s->path, rate.num, rate.den));
+  }
+  if (av_cmp_q(rate, j->rate) != 0)
     return ern_fail(j->context, ERN_E_MISMATCH, "%s: has %d/%d pictures a second, expected %d/%d", s->path, rate.num,
                     rate.den, j->rate.num, j->rate.den);
   if (first != NULL && !same_coding(s->stream->codecpar, first->stream->codecpar))

@@ -1,6 +1,5 @@
 /* SPDX-License-Identifier: MIT
  * Reads video files frame by frame as RGB. */
-#include <libavutil/display.h>
 #include <libavutil/opt.h>
 #include <libavutil/pixdesc.h>
 #include <libswscale/swscale.h>
@@ -14,6 +13,7 @@
 #include "ernerf/media.h"
 #include "media/ffmpeg.h"
 #include "media/image.h"
+#include "media/live/picture_track.h"
 #include "media/video/video_sdr.h"
 
 /* What a conversion to RGB depends on. */
@@ -33,36 +33,42 @@ struct ern_video_reader {
   struct form form;
   struct ern_video_sdr *sdr; /* NULL for SDR */
   uint16_t *deep;            /* [height][width][3]: RGB before `sdr` */
-  int quarters;              /* clockwise rotations by 90 degrees that the file asks for: 0..3 */
-  ern_image lying;           /* the frame before rotation */
+  int orientation;           /* EXIF's, 1..8: how the file asks to turn and mirror its frames */
+  ern_image lying;           /* the frame before that */
 };
 
 static void copy_name(char to[32], const char *name) { snprintf(to, 32, "%s", name != NULL ? name : "unknown"); }
 
-/* The rotation by the stream's display matrix (how a telephone was held), rounded to quarter turns. */
-static int quarters_of(const AVStream *stream) {
+/* EXIF's orientation of the stream's display matrix (a b . c d . ...): it maps a pixel (p, q) to (a p + c q, b p + d
+ * q). The angle is rounded to quarter turns. */
+static int orientation_of(const AVStream *stream) {
+  static const int orientation[2][2][2] = {{{1, 4}, {2, 3}}, {{5, 6}, {8, 7}}};
   size_t bytes = 0;
-  const uint8_t *matrix = av_stream_get_side_data(stream, AV_PKT_DATA_DISPLAYMATRIX, &bytes);
-  if (matrix == NULL || bytes < 9 * sizeof(int32_t)) return 0;
-  const double degrees = -av_display_rotation_get((const int32_t *)(const void *)matrix);
-  return isfinite(degrees) ? (int)lround(degrees / 90) & 3 : 0;
+  const uint8_t *data = av_stream_get_side_data(stream, AV_PKT_DATA_DISPLAYMATRIX, &bytes);
+  if (data == NULL || bytes < 9 * sizeof(int32_t)) return 1;
+  const int32_t *matrix = (const int32_t *)(const void *)data;
+  const double a = matrix[0], b = matrix[1], c = matrix[3], d = matrix[4];
+  const bool swapped = fabs(b) + fabs(c) > fabs(a) + fabs(d);
+  return orientation[swapped][(swapped ? b : a) < 0][(swapped ? c : d) < 0];
 }
 
 static void describe(ern_video_reader *reader) {
   AVFormatContext *container = reader->decoder.container;
   const AVCodecContext *codec = reader->decoder.codec;
   ern_video_info *info = &reader->info;
-  const AVRational rate = av_guess_frame_rate(container, reader->decoder.stream, NULL);
+  AVRational rate = av_guess_frame_rate(container, reader->decoder.stream, NULL);
+  av_reduce(&rate.num, &rate.den, rate.num, rate.den, ERN_RATE_PART);
   *info = (ern_video_info){
       .width = codec->width, .height = codec->height, .rate_numerator = rate.num, .rate_denominator = rate.den};
-  reader->quarters = quarters_of(reader->decoder.stream);
-  if (reader->quarters % 2 != 0) {
+  reader->orientation = orientation_of(reader->decoder.stream);
+  const bool swapped = reader->orientation >= 5; /* rows are stored as columns */
+  if (swapped) {
     info->width = codec->height;
     info->height = codec->width;
   }
   const AVRational aspect = av_guess_sample_aspect_ratio(container, reader->decoder.stream, NULL);
   info->pixel_aspect = aspect.num > 0 && aspect.den > 0 ? av_q2d(aspect) : 1;
-  if (reader->quarters % 2 != 0) info->pixel_aspect = 1 / info->pixel_aspect;
+  if (swapped) info->pixel_aspect = 1 / info->pixel_aspect;
   if (container->start_time != AV_NOPTS_VALUE) info->start = (double)container->start_time / AV_TIME_BASE;
   if (container->duration != AV_NOPTS_VALUE) info->duration = (double)container->duration / AV_TIME_BASE;
   copy_name(info->video_codec, avcodec_get_name(codec->codec_id));
@@ -213,7 +219,6 @@ static ern_status convert(ern_video_reader *reader, const AVFrame *frame, ern_im
 }
 
 ern_status ern_video_reader_frame(ern_video_reader *reader, ern_image *image, double *seconds, bool *end) {
-  static const int orientation[4] = {1, 6, 3, 8}; /* EXIF's, of clockwise quarter turns */
   ERN_PLAIN_FLOATS;
   ERN_NEED(NULL, reader);
   ern_context *context = reader->context;
@@ -227,10 +232,10 @@ ern_status ern_video_reader_frame(ern_video_reader *reader, ern_image *image, do
   if (*end) return ERN_OK;
   ERN_TRY(ern_image_check_sides(context, path, frame->width, frame->height));
   ERN_TRY(prepare(reader, frame));
-  ern_image *straight = reader->quarters != 0 ? &reader->lying : image;
+  ern_image *straight = reader->orientation != 1 ? &reader->lying : image;
   ERN_TRY(ern_image_fit(context, path, frame->width, frame->height, 3, straight));
   ERN_TRY(convert(reader, frame, straight));
-  if (reader->quarters != 0) ERN_TRY(ern_image_turn(context, path, straight, orientation[reader->quarters], image));
+  if (reader->orientation != 1) ERN_TRY(ern_image_turn(context, path, straight, reader->orientation, image));
   if (frame->best_effort_timestamp == AV_NOPTS_VALUE) {
     ERN_TRY(ern_fail(context, ERN_E_FORMAT, "%s: a frame has no time", path));
   }
