@@ -245,7 +245,7 @@ CHECK(ern_video_join) {
   REFUSED_ALONE(ern_video_join(NULL, "joined.mp4", segments, 1, NULL, 0));
   REFUSED(w.context, "path is NULL", ern_video_join(w.context, NULL, segments, 1, NULL, 0));
   REFUSED(w.context, "segments is NULL", ern_video_join(w.context, "joined.mp4", NULL, 1, NULL, 0));
-  REFUSED(w.context, "segments[k] is NULL", ern_video_join(w.context, "joined.mp4", segments, 2, NULL, 0));
+  REFUSED(w.context, "segments[1] is NULL", ern_video_join(w.context, "joined.mp4", segments, 2, NULL, 0));
   REFUSED(w.context, "0 videos", ern_video_join(w.context, "joined.mp4", segments, 0, NULL, 0));
   REFUSED(w.context, "starts at -1", ern_video_join(w.context, "joined.mp4", segments, 1, NULL, -1));
 }
