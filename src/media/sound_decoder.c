@@ -159,12 +159,15 @@ static size_t surplus_of(const struct ern_decoder *decoder) {
   return (size_t)(frame->nb_samples - frame->pkt_duration);
 }
 
-/* The duration in seconds by the header; 0: it has none, or FFmpeg guessed it from the bit rate. Also 0 for MP4: a
- * missing packet is noticed by its packet table, and its edit list may leave out any part of a track. */
+/* Its edit list may leave out any part of a track: a shorter one is no error. */
+static bool has_edits(const struct ern_decoder *decoder) {
+  return strstr(decoder->container->iformat->name, "mp4") != NULL;
+}
+
+/* The duration in seconds by the header; 0: it has none, or FFmpeg guessed it from the bit rate. */
 static double length_by_header(const struct ern_decoder *decoder) {
   const AVFormatContext *container = decoder->container;
   if (container->duration_estimation_method == AVFMT_DURATION_FROM_BITRATE) return 0;
-  if (strstr(container->iformat->name, "mp4") != NULL) return 0;
   if (decoder->stream->duration > 0) return (double)decoder->stream->duration * av_q2d(decoder->stream->time_base);
   /* the container's duration is that of its only stream */
   return container->nb_streams == 1 && container->duration > 0 ? (double)container->duration / AV_TIME_BASE : 0;
@@ -177,9 +180,12 @@ static ern_status take_next(struct ern_sound_decoder *sound, bool *end) {
   sound->silence = sound->skip = 0;
   if (status != ERN_OK) return status;
   if (*end && sound->convert == NULL) status = take_form(sound, codec->sample_rate, codec->ch_layout.nb_channels);
-  if (*end && status == ERN_OK)
-    status = ern_truncation_check_end(decoder->context, decoder->path, decoder->container->iformat->name,
-                                      (double)sound->position / sound->rate, length_by_header(decoder));
+  const double length = *end && status == ERN_OK ? (double)sound->position / sound->rate : 0;
+  if (*end && status == ERN_OK && has_edits(decoder))
+    ern_truncation_warn_end(decoder->context, decoder->path, "sound", length, length_by_header(decoder));
+  else if (*end && status == ERN_OK)
+    status = ern_truncation_check_end(decoder->context, decoder->path, decoder->container->iformat->name, length,
+                                      length_by_header(decoder));
   if (*end) return status;
   const AVFrame *frame = decoder->frame;
   if (sound->convert == NULL) {

@@ -14,6 +14,7 @@
 #include "media/ffmpeg.h"
 #include "media/image.h"
 #include "media/live/picture_track.h"
+#include "media/truncation.h"
 #include "media/video/video_sdr.h"
 
 /* What a conversion to RGB depends on. */
@@ -35,6 +36,8 @@ struct ern_video_reader {
   uint16_t *deep;            /* [height][width][3]: RGB before `sdr` */
   int orientation;           /* EXIF's, 1..8: how the file asks to turn and mirror its frames */
   ern_image lying;           /* the frame before that */
+  int64_t first, until;      /* time stamps: of the first frame, and of the end of the last one so far */
+  bool has_first;
 };
 
 static void copy_name(char to[32], const char *name) { snprintf(to, 32, "%s", name != NULL ? name : "unknown"); }
@@ -218,6 +221,25 @@ static ern_status convert(ern_video_reader *reader, const AVFrame *frame, ern_im
   return ERN_OK;
 }
 
+/* Warns where the pictures end before the length that the header states, in which other streams do not count. */
+static void check_end(ern_video_reader *reader) {
+  const AVStream *stream = reader->decoder.stream;
+  const double unit = av_q2d(stream->time_base);
+  if (!reader->has_first || stream->duration <= 0 ||
+      reader->decoder.container->duration_estimation_method == AVFMT_DURATION_FROM_BITRATE)
+    return;
+  ern_truncation_warn_end(reader->context, reader->decoder.path, "video",
+                          (double)(reader->until - reader->first) * unit, (double)stream->duration * unit);
+  reader->has_first = false; /* once */
+}
+
+static void note_time(ern_video_reader *reader, const AVFrame *frame) {
+  const int64_t at = frame->best_effort_timestamp, end = at + frame->pkt_duration;
+  if (!reader->has_first) reader->first = reader->until = at;
+  reader->has_first = true;
+  if (end > reader->until) reader->until = end;
+}
+
 ern_status ern_video_reader_frame(ern_video_reader *reader, ern_image *image, double *seconds, bool *end) {
   ERN_PLAIN_FLOATS;
   ERN_NEED(NULL, reader);
@@ -229,7 +251,10 @@ ern_status ern_video_reader_frame(ern_video_reader *reader, ern_image *image, do
   ern_status status = ERN_OK;
   const AVFrame *frame = reader->decoder.frame;
   ERN_TRY(ern_decoder_next(&reader->decoder, end));
-  if (*end) return ERN_OK;
+  if (*end) {
+    check_end(reader);
+    return ERN_OK;
+  }
   ERN_TRY(ern_image_check_sides(context, path, frame->width, frame->height));
   ERN_TRY(prepare(reader, frame));
   ern_image *straight = reader->orientation != 1 ? &reader->lying : image;
@@ -239,6 +264,7 @@ ern_status ern_video_reader_frame(ern_video_reader *reader, ern_image *image, do
   if (frame->best_effort_timestamp == AV_NOPTS_VALUE) {
     ERN_TRY(ern_fail(context, ERN_E_FORMAT, "%s: a frame has no time", path));
   }
+  note_time(reader, frame);
   const AVRational unit = reader->decoder.stream->time_base;
   *seconds = (double)frame->best_effort_timestamp * unit.num / unit.den;
 fail:
