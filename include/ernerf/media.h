@@ -145,7 +145,8 @@ typedef struct ern_sound {
 } ern_sound;
 
 /* Reads a sound file of any format that FFmpeg reads, as 16-bit samples from second 0 of the file on; gaps become
- * silence. At most 2^31 samples of all channels, else ERN_E_SHAPE. On success the caller owns sound->data. */
+ * silence. Samples beyond full scale are clipped. ERN_E_NONFINITE: a sample is not finite. At most 2^31 samples of all
+ * channels, else ERN_E_SHAPE. On success the caller owns sound->data. */
 ERN_API ERN_NODISCARD ern_status ern_sound_read(ern_context *context, const char *path, ern_sound *sound);
 ERN_API ERN_NODISCARD ern_status ern_sound_write_wav(ern_context *context, const char *path,
                                                      const ern_sound *sound); /* atomic */
@@ -158,7 +159,8 @@ typedef struct ern_video_options {
   uint32_t cookie, size; /* set by ern_video_options_default() */
   int width, height;     /* of the frames handed over, 1..ERN_IMAGE_MAX_SIDE; odd sizes are padded by a repeated row or
                             column, so that the file has even ones */
-  int rate_numerator, rate_denominator; /* frames a second, each 1..1000000; default 25, 1 */
+  int rate_numerator, rate_denominator; /* numerator/denominator frames a second, 1/100 to 1000, each part 1..1000000;
+                                           default 25, 1 */
   const ern_sound *sound; /* NULL (default): silent. Muxed as AAC, in a .webm as Opus; cut to the length of the pictures
                              at close, not padded. Must outlive the writer. Not with a .gif (ERN_E_UNSUPPORTED) */
   double sound_start;     /* seconds into `sound` at the first frame, 0 <= sound_start < 1e9; default 0 */
@@ -216,8 +218,8 @@ ERN_API ERN_NODISCARD ern_status ern_video_join(ern_context *context, const char
 /* Plain data, may grow. */
 typedef struct ern_video_info {
   int width, height;                    /* pixels, upright */
-  int rate_numerator, rate_denominator; /* frames a second as FFmpeg guesses them; ern_video_reader_frame has the times
-                                           of a variable rate */
+  int rate_numerator, rate_denominator; /* frames a second as FFmpeg guesses them, rounded to parts of at most 1000000;
+                                           ern_video_reader_frame has the times of a variable rate */
   double duration;                      /* of the file, seconds, as its container says; 0: it does not */
   bool has_sound;                       /* a stream of sound is there */
   int sound_rate, sound_channels;       /* samples a second, channels; 0, 0 without sound */
@@ -235,10 +237,10 @@ ERN_API void ern_video_reader_info_sized(const ern_video_reader *reader, ern_vid
 static inline void ern_video_reader_info(const ern_video_reader *reader, ern_video_info *info) {
   ern_video_reader_info_sized(reader, info, sizeof *info);
 }
-/* The next frame as RGB, turned by the quarter turns that the file asks for. HDR and wide gamuts are converted to SDR,
- * BT.709, and the log says so (ERN_LOG_INFO). image: {0} before the first call, then the same one, whose buffer is
- * reused where it fits; the caller frees it (ern_image_free). *seconds: the frame's time stamp in the file. *end: true,
- * with the image unchanged, after the last frame; else false. */
+/* The next frame as RGB, turned by quarter turns and mirrored as the file asks for. HDR and wide gamuts are converted
+ * to SDR, BT.709, and the log says so (ERN_LOG_INFO). image: {0} before the first call, then the same one, whose buffer
+ * is reused where it fits; the caller frees it (ern_image_free). *seconds: the frame's time stamp in the file. *end:
+ * true, with the image unchanged, after the last frame; else false. */
 ERN_API ERN_NODISCARD ern_status ern_video_reader_frame(ern_video_reader *reader, ern_image *image, double *seconds,
                                                         bool *end);
 /* The next frame that is read is the first one whose time stamp is `seconds` or later; after the last frame's there is

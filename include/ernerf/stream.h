@@ -84,7 +84,8 @@ typedef struct ern_stream_options {
   uint32_t cookie, size; /* set by ern_stream_options_default() */
   int width, height;     /* of the pictures in pixels, 1..ERN_IMAGE_MAX_SIDE. Except in "raw", an odd size is padded by
                             a repeated row or column */
-  int rate_numerator, rate_denominator; /* numerator/denominator pictures a second, each 1..1000000; default 25, 1 */
+  int rate_numerator, rate_denominator; /* numerator/denominator pictures a second, 1/100 to 1000, each part 1..1000000;
+                                           default 25, 1 */
   int sound_rate, sound_channels;       /* 0, 0 (default): no sound; else 1..384000 samples a second, 1..8 channels */
   int crf;            /* quality of H.264, 0 (best)..51, default 18; "y4m", "nut" and "raw" ignore it */
   const char *format; /* "mp4", "matroska", "mpegts", "flv": H.264 and AAC. "nut": uncompressed 4:2:0 and 16-bit
@@ -136,10 +137,11 @@ ERN_API ERN_NODISCARD ern_status ern_stream_writer_open(ern_context *context, co
                                                         const ern_stream_options *options, ern_stream_writer **writer);
 /* Writes the next picture and its sound. rgba: [height][width][4]; only "raw" keeps alpha. NULL repeats the picture
  * before; as the first picture it is black ("raw": zeros). samples: [frames][sound_channels], a frame being one sample
- * of each channel here; full scale is 1; may be NULL where frames is 0; ignored where the stream has no sound.
- * ERN_E_NONFINITE: a sample is not finite, and nothing is written. ERN_E_IO: the receiver has left, or the disk is
- * full. ERN_E_CANCELLED: `stop` ended the call. After an error other than ERN_E_ARGUMENT and ERN_E_NONFINITE every
- * later call fails with the same status, ern_stream_writer_close too; that one keeps what a file has. */
+ * of each channel here; full scale is 1, and what is beyond it is clipped; may be NULL where frames is 0; ignored where
+ * the stream has no sound. ERN_E_NONFINITE: a sample is not finite, and nothing is written. ERN_E_IO: the receiver has
+ * left, or the disk is full. ERN_E_CANCELLED: `stop` ended the call. After an error other than ERN_E_ARGUMENT and
+ * ERN_E_NONFINITE every later call fails with the same status, ern_stream_writer_close too; that one keeps what a file
+ * has. */
 ERN_API ERN_NODISCARD ern_status ern_stream_writer_frame(ern_stream_writer *writer, const uint8_t *rgba,
                                                          const float *samples, size_t frames);
 /* Writes what the encoders still hold and the end of the container, closes the output, and frees the writer, also on

@@ -494,6 +494,7 @@ class Trainer(_Object):
     """Trains on a clip; options as in struct ern_train_config, `from` as `from_`; head is a Model."""
 
     _has_threads = True
+    _runs = False  # run() is being executed
 
     def __init__(self, backend, clip, head=None, **options):
         context = _object(backend, Backend, "backend")._context
@@ -514,8 +515,13 @@ class Trainer(_Object):
         """The training's progress: step, iters and seconds."""
         return _described(self._context._engine.ern_trainer_describe_sized, self._handle, _c.TrainReport)
 
+    def _check_idle(self, name):
+        if self._runs:
+            raise ValueError(f"the Trainer is in run(), expected {name}() before or after it")
+
     def step(self):
         """Does one step; returns its report: step, iters, loss, psnr, ... (struct ern_train_report)."""
+        self._check_idle("step")
         report = _c.TrainReport()
         self._context._call(self._context._engine.ern_trainer_step_sized, self, ctypes.byref(report),
                             ctypes.sizeof(report))
@@ -527,8 +533,9 @@ class Trainer(_Object):
         progress: called about twice a second with a report; if it returns anything but 0, False or None, raises, or
         closes the Trainer, the training saves and stops. run() then raises Error with Status.E_CANCELLED, or what
         progress raised. After Ctrl-C, in the main thread, the training saves and stops too, and run() raises
-        KeyboardInterrupt.
+        KeyboardInterrupt. progress may call save() and model() of the Trainer, but neither step() nor run().
         """
+        self._check_idle("run")
         raised = []
 
         def hook(_, report):
@@ -540,6 +547,7 @@ class Trainer(_Object):
                 return 1
 
         hooks = _c.TrainHooks(progress=_c.PROGRESS(hook))
+        self._runs = True
         try:
             with _interrupts(raised):
                 self._context._call(self._context._engine.ern_trainer_run_sized, self, ctypes.byref(hooks),
@@ -547,6 +555,8 @@ class Trainer(_Object):
         except Error:
             if not raised:
                 raise
+        finally:
+            self._runs = False
         if raised:
             raise raised[0]
 

@@ -71,20 +71,21 @@ static int allow_formats(AVDictionary **options) {
   return error;
 }
 
-static ern_status open_container(struct ern_decoder *decoder) {
-  ern_context *context = decoder->context;
+ern_status ern_av_open_file(ern_context *context, const char *path, AVFormatContext **container) {
   ern_status status = ERN_OK;
   char *url = NULL;
   AVDictionary *options = NULL;
-  ERN_TRY(ern_av_url(context, decoder->path, &url));
+  ern_av_disable_log();
+  ERN_TRY(ern_input_check(context, path));
+  ERN_TRY(ern_av_url(context, path, &url));
   int error = av_dict_set(&options, "protocol_whitelist", "file", 0);
   if (error >= 0) error = allow_formats(&options);
-  if (error >= 0) error = avformat_open_input(&decoder->container, url, NULL, &options);
+  if (error >= 0) error = avformat_open_input(container, url, NULL, &options);
   if (error == AVERROR(EINVAL))
-    ERN_TRY(ern_fail(context, ERN_E_FORMAT, "%s: is a playlist or no sound or video at all", decoder->path));
-  if (error < 0) ERN_TRY(ern_av_fail(context, ERN_E_FORMAT, decoder->path, "read it as sound or video", error));
-  error = find_streams(decoder->container);
-  if (error < 0) ERN_TRY(ern_av_fail(context, ERN_E_FORMAT, decoder->path, "find out what is in it", error));
+    ERN_TRY(ern_fail(context, ERN_E_FORMAT, "%s: is a playlist or no sound or video at all", path));
+  if (error < 0) ERN_TRY(ern_av_fail(context, ERN_E_FORMAT, path, "read it as sound or video", error));
+  error = find_streams(*container);
+  if (error < 0) ERN_TRY(ern_av_fail(context, ERN_E_FORMAT, path, "find out what is in it", error));
 fail:
   av_dict_free(&options);
   ern_release(context, url);
@@ -126,10 +127,8 @@ ern_status ern_decoder_open(ern_context *context, const char *path, enum AVMedia
                             struct ern_decoder *decoder) {
   ern_status status = ERN_OK;
   *decoder = (struct ern_decoder){.context = context};
-  ern_av_disable_log();
-  ERN_TRY(ern_input_check(context, path));
   ERN_TRY(ern_string_copy(context, path, &decoder->path));
-  ERN_TRY(open_container(decoder));
+  ERN_TRY(ern_av_open_file(context, path, &decoder->container));
   ERN_TRY(open_decoder(decoder, type, threads));
   return ERN_OK;
 fail:

@@ -27,6 +27,10 @@ void ern_av_disable_log(void);
 /* "file:PATH", so that no name is taken for an address; owned by the caller (ern_release). */
 ERN_NODISCARD ern_status ern_av_url(ern_context *context, const char *path, char **url);
 
+/* Opens a regular file of any format but those that refer to other files, and finds its streams. *container: NULL
+ * before; the caller closes it (avformat_close_input), also after an error. */
+ERN_NODISCARD ern_status ern_av_open_file(ern_context *context, const char *path, AVFormatContext **container);
+
 /* One stream of a file, decoded frame by frame. */
 struct ern_decoder {
   ern_context *context;

@@ -159,12 +159,15 @@ static size_t surplus_of(const struct ern_decoder *decoder) {
   return (size_t)(frame->nb_samples - frame->pkt_duration);
 }
 
-/* The duration in seconds by the header; 0: it has none, or FFmpeg guessed it from the bit rate. Also 0 for MP4: a
- * missing packet is noticed by its packet table, and its edit list may leave out any part of a track. */
+/* Its edit list may leave out any part of a track: a shorter one is no error. */
+static bool has_edits(const struct ern_decoder *decoder) {
+  return strstr(decoder->container->iformat->name, "mp4") != NULL;
+}
+
+/* The duration in seconds by the header; 0: it has none, or FFmpeg guessed it from the bit rate. */
 static double length_by_header(const struct ern_decoder *decoder) {
   const AVFormatContext *container = decoder->container;
   if (container->duration_estimation_method == AVFMT_DURATION_FROM_BITRATE) return 0;
-  if (strstr(container->iformat->name, "mp4") != NULL) return 0;
   if (decoder->stream->duration > 0) return (double)decoder->stream->duration * av_q2d(decoder->stream->time_base);
   /* the container's duration is that of its only stream */
   return container->nb_streams == 1 && container->duration > 0 ? (double)container->duration / AV_TIME_BASE : 0;
@@ -177,9 +180,12 @@ static ern_status take_next(struct ern_sound_decoder *sound, bool *end) {
   sound->silence = sound->skip = 0;
   if (status != ERN_OK) return status;
   if (*end && sound->convert == NULL) status = take_form(sound, codec->sample_rate, codec->ch_layout.nb_channels);
-  if (*end && status == ERN_OK)
-    status = ern_truncation_check_end(decoder->context, decoder->path, decoder->container->iformat->name,
-                                      (double)sound->position / sound->rate, length_by_header(decoder));
+  const double length = *end && status == ERN_OK ? (double)sound->position / sound->rate : 0;
+  if (*end && status == ERN_OK && has_edits(decoder))
+    ern_truncation_warn_end(decoder->context, decoder->path, "sound", length, length_by_header(decoder));
+  else if (*end && status == ERN_OK)
+    status = ern_truncation_check_end(decoder->context, decoder->path, decoder->container->iformat->name, length,
+                                      length_by_header(decoder));
   if (*end) return status;
   const AVFrame *frame = decoder->frame;
   if (sound->convert == NULL) {
@@ -209,6 +215,34 @@ ern_status ern_sound_decoder_next(struct ern_sound_decoder *sound, bool *end) {
   return ERN_OK;
 }
 
+/* Clips samples that are floating-point numbers to full scale, as integers of swresample wrap beyond it. */
+static ern_status clip_samples(struct ern_sound_decoder *sound) {
+  const struct ern_decoder *decoder = &sound->decoder;
+  AVFrame *frame = decoder->frame;
+  const enum AVSampleFormat packed = av_get_packed_sample_fmt(sound->from);
+  const bool planar = av_sample_fmt_is_planar(sound->from) != 0;
+  const size_t planes = planar ? (size_t)sound->channels : 1;
+  const size_t count = (size_t)frame->nb_samples * (size_t)sound->channels / planes;
+  if (packed != AV_SAMPLE_FMT_FLT && packed != AV_SAMPLE_FMT_DBL) return ERN_OK;
+  const int error = av_frame_make_writable(frame);
+  if (error < 0) return ern_av_fail(decoder->context, ERN_E_MEDIA, decoder->path, "convert its samples", error);
+  for (size_t c = 0; c < planes; c++)
+    for (size_t i = 0; i < count; i++) {
+      float *single = (float *)(void *)frame->extended_data[c] + i;
+      double *twofold = (double *)(void *)frame->extended_data[c] + i;
+      const double value = packed == AV_SAMPLE_FMT_FLT ? (double)*single : *twofold;
+      if (!isfinite(value))
+        return ern_fail(decoder->context, ERN_E_NONFINITE, "%s: its sound has a sample that is no finite number",
+                        decoder->path);
+      if (fabs(value) <= 1) continue;
+      if (packed == AV_SAMPLE_FMT_FLT)
+        *single = value > 0 ? 1 : -1;
+      else
+        *twofold = value > 0 ? 1 : -1;
+    }
+  return ERN_OK;
+}
+
 ern_status ern_sound_decoder_take(struct ern_sound_decoder *sound, void *samples) {
   const AVFrame *frame = sound->decoder.frame;
   const bool planar = av_sample_fmt_is_planar(sound->from) != 0;
@@ -216,6 +250,8 @@ ern_status ern_sound_decoder_take(struct ern_sound_decoder *sound, void *samples
       sound->skip * (size_t)av_get_bytes_per_sample(sound->from) * (planar ? 1 : (size_t)sound->channels);
   const uint8_t *from[MAX_CHANNELS] = {NULL};
   uint8_t *to = samples;
+  const ern_status status = sound->format == AV_SAMPLE_FMT_S16 ? clip_samples(sound) : ERN_OK;
+  if (status != ERN_OK) return status;
   for (int c = 0; c < (planar ? sound->channels : 1); c++) from[c] = frame->extended_data[c] + before;
   const int count = (int)sound->frames, made = swr_convert(sound->convert, &to, count, from, count);
   if (made < 0)

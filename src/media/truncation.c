@@ -106,6 +106,14 @@ fail:
   return status;
 }
 
+void ern_truncation_warn_end(ern_context *context, const char *path, const char *stream, double seconds,
+                             double expected) {
+  if (seconds + SHORTER < expected)
+    ern_log(context, ERN_LOG_WARNING,
+            "%s: may be cut short: its %s ends at %.2f s of the %.2f s that its header promises", path, stream, seconds,
+            expected);
+}
+
 ern_status ern_truncation_check_end(ern_context *context, const char *path, const char *format, double seconds,
                                     double expected) {
   if (seconds + SHORTER < expected)

@@ -13,5 +13,8 @@ ERN_NODISCARD ern_status ern_truncation_check_packet(ern_context *context, const
  * where it should be longer; logs a warning where the file lacks its format's end marker (Ogg). */
 ERN_NODISCARD ern_status ern_truncation_check_end(ern_context *context, const char *path, const char *format,
                                                   double seconds, double expected);
+/* Logs a warning where a stream, "video" or "sound", of an mp4 or a video ends early: what is there is of use. */
+void ern_truncation_warn_end(ern_context *context, const char *path, const char *stream, double seconds,
+                             double expected);
 
 #endif

@@ -19,8 +19,8 @@ CHECK(ern_video_writer_open) {
   options.crf = 99;
   REFUSED(w.context, "crf is 99", ern_video_writer_open(w.context, "a.mp4", &options, &writer));
   options.crf = 15;
-  options.rate_denominator = -1;
-  REFUSED(w.context, "25/-1", ern_video_writer_open(w.context, "a.mp4", &options, &writer));
+  options.rate_denominator = 2501;
+  REFUSED(w.context, "is 25/2501 frames", ern_video_writer_open(w.context, "a.mp4", &options, &writer));
   options.rate_denominator = 1;
   options.sound = &(ern_sound){.rate = 16000, .channels = 1, .frames = 1};
   REFUSED(w.context, "no samples", ern_video_writer_open(w.context, "a.mp4", &options, &writer));
@@ -70,7 +70,7 @@ CHECK(ern_video_join) {
   REFUSED_ALONE(ern_video_join(NULL, "joined.mp4", segments, 1, NULL, 0));
   REFUSED(w.context, "path is NULL", ern_video_join(w.context, NULL, segments, 1, NULL, 0));
   REFUSED(w.context, "segments is NULL", ern_video_join(w.context, "joined.mp4", NULL, 1, NULL, 0));
-  REFUSED(w.context, "segments[k] is NULL", ern_video_join(w.context, "joined.mp4", segments, 2, NULL, 0));
+  REFUSED(w.context, "segments[1] is NULL", ern_video_join(w.context, "joined.mp4", segments, 2, NULL, 0));
   REFUSED(w.context, "0 videos", ern_video_join(w.context, "joined.mp4", segments, 0, NULL, 0));
   REFUSED(w.context, "starts at -1", ern_video_join(w.context, "joined.mp4", segments, 1, NULL, -1));
 }

@@ -68,6 +68,12 @@ CHECK(ern_stream_writer_open) {
   options.crf = 52;
   REFUSED(w.context, "crf is 52, expected 0 to 51", ern_stream_writer_open(w.context, junk, &options, &writer));
   options = ern_stream_options_default(16, 16);
+  options.rate_denominator = 1000000;
+  REFUSED(w.context, "rate_denominator is 25/1000000 frames a second, expected 1/100 to 1000",
+          ern_stream_writer_open(w.context, junk, &options, &writer));
+  options.rate_numerator = 1000000, options.rate_denominator = 1;
+  REFUSED(w.context, "1000000/1 frames", ern_stream_writer_open(w.context, junk, &options, &writer));
+  options = ern_stream_options_default(16, 16);
   options.sound_rate = 48000;
   REFUSED(w.context, "sound_channels is 0, expected 1 to 8",
           ern_stream_writer_open(w.context, junk, &options, &writer));

@@ -41,14 +41,14 @@ grep -q "3 people, 1 failed" table.txt || fail "the table does not count"
 
 if [ -n "${ERNERF_TEST_LONG-}" ]; then
   # by the clock: stopped while it learns the head, the same command goes on
-  late() { bash "$scripts/person.sh" people/anna "$folder/late" --time "$1" --rays 64 --levels 2 --validate-frames 1 --threads 1; }
-  late 10m 2> /dev/null &
+  bash "$scripts/person.sh" people/anna "$folder/late" --time 10m --rays 64 --levels 2 --validate-frames 1 --threads 1 2> /dev/null &
+  script=$!
   for _ in $(seq 300); do [ ! -s late/anna/head.head.run/log.jsonl ] || break; sleep 0.1; done
-  pkill -INT -f "train .* -o $folder/late/anna/head.safetensors" || fail "no training by the clock to stop"
-  wait $!
+  pkill -INT -P $script || fail "no training by the clock to stop"
+  wait $script
   grep -q "^train" late/anna/failed.txt || fail "the training was not stopped"
   [ -e late/anna/head.head.run/state.safetensors ] || fail "the stop saved no head"
-  late 3s 2> err.txt
+  bash "$scripts/person.sh" people/anna "$folder/late" --time 3s --rays 64 --levels 2 --validate-frames 1 --threads 1 2> err.txt
   [ ! -e late/anna/failed.txt ] || fail "a training by the clock does not go on: $(cat late/anna/failed.txt)"
   [ -s late/anna/eval.json ] || fail "no late/anna/eval.json: $(cat err.txt)"
 fi

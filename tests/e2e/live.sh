@@ -107,6 +107,23 @@ refused 1 $status "full.ts" "it is cut"
 [ "$(stat -c %s full.ts)" -gt 10000 ] || fail "full.ts has $(stat -c %s full.ts) bytes"
 grep -q '"cut": true' full.ts.provenance.json || fail "full.ts.provenance.json: $(cat full.ts.provenance.json)"
 
+# its own error is the last line, where its provenance file cannot be written either
+{ for _ in $(seq 600); do ls -A | grep -q 'cut\.ts' && break; sleep 0.1; done; mkdir cut.ts.provenance.json; cat clip/aud.wav; } |
+  { status=0; (ulimit -f 32; live --audio - -o cut.ts --crf 0 --as-fast --size 256x256 2> err.txt) || status=$?; echo $status > status; }
+refused 1 "$(cat status)" "cut.ts.provenance.json"
+tail -n 1 err.txt | grep -q "cut.ts: .*it is cut" || fail "the last line is not the recording's: $(cat err.txt)"
+# a file loses no frame, though the program stands still for a while
+"$ernerf" live head.safetensors --clip clip --quiet --duration 2 --json still.json -o still.nut 2> err.txt &
+program=$!
+for _ in $(seq 600); do ls -A | grep -q 'still\.nut' && break; sleep 0.1; done
+sleep 0.5
+kill -STOP $program
+sleep 1.2
+kill -CONT $program
+status=0; wait $program || status=$?
+refused 0 $status
+grep -q '"left_out": 0' still.json && grep -q '"written": 50' still.json || fail "frames are lost: $(cat still.json)"
+
 if [ -n "${ERNERF_TEST_LONG-}" ]; then
   # a microphone that began before the program: what waits longer than --max-delay is left out. `stop` leaves out what waits of --audio,
   # 2 s, and the rest is said
@@ -140,9 +157,9 @@ for _ in $(seq 600); do grep -q '^started 1$' err.txt && break; sleep 0.1; done
 printf 'statistics\n' >&8
 for _ in $(seq 600); do grep -q '^ended 1$' err.txt && break; sleep 0.1; done
 [ "$(grep -xE 'ok 1|started 1|ended 1' err.txt | tr '\n' ' ')" = "ok 1 started 1 ended 1 " ] || fail "events: $(cat err.txt)"
-printf 'eyes 2\nhold on\nbackground white\nplay clip/aud.wav\nplay gone.wav\nplay clip/bc.jpg\nplay clip\nsay a\0b\nstop\nstatistics\nnonsense\nquit now\nquit\n' >&8
+printf 'eyes 2\nhold on\nbackground white\nplay clip/aud.wav\nplay gone.wav\nplay clip/bc.jpg\nplay clip\nplay /dev/zero\nsay a\0b\nstop\nstatistics\nnonsense\nquit now\nquit\n' >&8
 status=0; wait $program || status=$?
-refused 0 $status "error: eyes" "error: play: gone.wav: No such file" "error: play: clip/bc.jpg" "error: play: clip: Is a directory" "error: the line has a byte of 0" "\"quit now\" is not known" "^ok 2$" '"readers":2' "\"nonsense\" is not known" \
+refused 0 $status "error: eyes" "error: play: gone.wav: No such file" "error: play: clip/bc.jpg" "error: play: clip: Is a directory" "error: play: /dev/zero: is a device" "error: the line has a byte of 0" "\"quit now\" is not known" "^ok 2$" '"readers":2' "\"nonsense\" is not known" \
   '"speaking":1,"queued":0' '"speaking":null,"queued":0'
 [ "$(grep -c '^ok$' err.txt)" = 4 ] || fail "answers: $(cat err.txt)"
 { echo "say hello"; sleep 1; echo quit; } | TMPDIR=$PWD/gone live --control - -o said.rgba 2> err.txt

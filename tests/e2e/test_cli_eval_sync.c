@@ -275,6 +275,9 @@ static void test_setting_refused(void **state) {
   }
   cli_run(&cli, "eval h.safetensors clip --setting synchronization --audio clip/aud.wav --json none.json");
   cli_expect(&cli, 1, "clip/aud.wav", "the clip's own speech", NULL);
+  assert_int_equal(link("clip/aud.wav", "linked.wav"), 0);
+  cli_run(&cli, "eval h.safetensors clip --setting synchronization --audio linked.wav --json none.json");
+  cli_expect(&cli, 1, "linked.wav", "the clip's own speech", NULL);
   cli_run(&cli, "eval h.safetensors clip --setting synchronization --audio other/aud.wav --split val --json none.json");
   cli_expect(&cli, 1, "other/aud.wav: lasts for 40 frames", NULL);
   assert_false(cli_there("none.json"));

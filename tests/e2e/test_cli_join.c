@@ -215,7 +215,7 @@ static void test_refused(void **state) {
   cli_expect(&cli, 1, "parts/003.mp4.provenance.json: sha256 is", "which was made anew since", NULL);
   support_clear("parts/003.mp4.provenance.json");
   cli_run(&cli, "join parts -o refused.mp4");
-  cli_expect(&cli, 1, "parts/003.mp4: cannot read the video", NULL);
+  cli_expect(&cli, 1, "parts/003.mp4: cannot read it as sound or video", NULL);
   assert_int_equal(mkdir("none", 0777), 0);
   cli_run(&cli, "join none -o refused.mp4");
   cli_expect(&cli, 1, "none: has no .mp4", NULL);

@@ -96,6 +96,29 @@ static void test_stale(void **state) {
   assert_false(there("stale.sock"));
 }
 
+/* Lines that have come in together are served together, not one a frame. */
+static void test_many_lines(void **state) {
+  enum { LINES = 40 };
+  const struct sockaddr_un name = {.sun_family = AF_UNIX, .sun_path = "many.sock"};
+  struct live_control control;
+  char text[LINES * 8] = "";
+  int served = 0, looks = 0;
+  (void)state;
+  support_clear("many.sock");
+  start(&control, "many.sock", 0);
+  const int client = socket(AF_UNIX, SOCK_STREAM, 0);
+  for (int i = 0; i < LINES; i++) strcat(text, "eyes 1\n");
+  assert_int_equal(connect(client, (const struct sockaddr *)&name, sizeof name), 0);
+  assert_int_equal(write(client, text, strlen(text)), (ssize_t)strlen(text));
+  (void)nanosleep(&(struct timespec){.tv_nsec = 300000000}, NULL); /* the thread takes the connection */
+  for (; served < LINES && looks < LINES; looks++)
+    for (; live_control_line(&control) != NULL; served++) live_control_answer(&control, "ok");
+  live_control_stop(&control);
+  close(client);
+  assert_int_equal(served, LINES);
+  if (looks > 5) fail_msg("%d looks for %d lines, expected 1 where the machine is idle", looks, LINES);
+}
+
 /* At the end the name may be another program's. */
 static void test_replaced(void **state) {
   struct live_control control;
@@ -111,6 +134,7 @@ static void test_replaced(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_in_use), cmocka_unit_test(test_full),
-                                     cmocka_unit_test(test_stale), cmocka_unit_test(test_replaced)};
+                                     cmocka_unit_test(test_stale), cmocka_unit_test(test_many_lines),
+                                     cmocka_unit_test(test_replaced)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -107,14 +107,16 @@ static void test_other_forms_become_16_bit(void **state) {
   assert_int_equal(read.rate, 22050);
   assert_memory_equal(read.data, from_bytes, sizeof from_bytes);
   ern_sound_free(context, &read);
-  const float floats[] = {0.0f, 0.5f, -0.5f, 1.0f, -1.0f, 2.0f};
+  const float floats[] = {0.0f, 0.5f, -0.5f, 1.0f, -1.0f, 2.0f, 1e38f, -1e38f};
   support_write("float.wav", wav, make_wav(wav, 3, 48000, 2, 32, floats, sizeof floats));
   support_ok(context, ern_sound_read(context, "float.wav", &read));
-  const int16_t from_floats[] = {0, 16384, -16384, 32767, -32768, 32767};
-  assert_int_equal(read.frames, 3);
+  const int16_t from_floats[] = {0, 16384, -16384, 32767, -32768, 32767, 32767, -32768};
+  assert_int_equal(read.frames, 4);
   assert_int_equal(read.channels, 2);
   assert_memory_equal(read.data, from_floats, sizeof from_floats);
   ern_sound_free(context, &read);
+  support_write("float.wav", wav, make_wav(wav, 3, 48000, 2, 32, (float[]){0, NAN}, 8));
+  assert_int_equal(ern_sound_read(context, "float.wav", &read), ERN_E_NONFINITE);
 }
 
 static void test_refused_files(void **state) {

@@ -333,13 +333,45 @@ static void test_sound_is_finite(void **state) {
   support_ok(context, ern_stream_writer_close(&writer));
 }
 
+/* Beyond full scale sound is clipped, with its sign. */
+static void test_sound_is_clipped(void **state) {
+  (void)state;
+  static const float levels[] = {2, -2, 1e6f, -1e6f, 1e38f, -1e38f};
+  static const char *const forms[] = {"nut", "mp4"};
+  static uint8_t rgba[SIDE * SIDE * 4];
+  for (size_t f = 0; f < sizeof forms / sizeof *forms; f++) {
+    const ern_stream_options options = options_of_stream(forms[f]);
+    ern_stream_writer *writer = NULL;
+    ern_sound sound = {0};
+    (void)unlink("loud");
+    support_ok(context, ern_stream_writer_open(context, "loud", &options, &writer));
+    for (size_t k = 0; k < sizeof levels / sizeof *levels; k++) {
+      float samples[SAMPLES];
+      for (int i = 0; i < SAMPLES; i++) samples[i] = levels[k];
+      support_ok(context, ern_stream_writer_frame(writer, rgba, samples, SAMPLES));
+    }
+    support_ok(context, ern_stream_writer_close(&writer));
+    support_ok(context, ern_sound_read(context, "loud", &sound));
+    for (size_t i = 0; f == 0 && i < sound.frames; i++)
+      if ((double)sound.data[i] * (double)levels[i / SAMPLES] < 32767 * fabs((double)levels[i / SAMPLES]))
+        fail_msg("sample %zu of level %g is %d", i, (double)levels[i / SAMPLES], sound.data[i]);
+    ern_sound_free(context, &sound);
+  }
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_each_form_has_exact_times),    cmocka_unit_test(test_raw_pictures_and_y4m),
-      cmocka_unit_test(test_sound_is_read_as_it_comes),    cmocka_unit_test(test_what_is_no_sound_is_refused),
-      cmocka_unit_test(test_scheme_decides_before_ending), cmocka_unit_test(test_rtsp_is_connected_to),
-      cmocka_unit_test(test_waits_end_when_asked_to),      cmocka_unit_test(test_options_are_checked),
-      cmocka_unit_test(test_only_files_and_networks),      cmocka_unit_test(test_sound_is_finite),
+      cmocka_unit_test(test_each_form_has_exact_times),
+      cmocka_unit_test(test_raw_pictures_and_y4m),
+      cmocka_unit_test(test_sound_is_read_as_it_comes),
+      cmocka_unit_test(test_what_is_no_sound_is_refused),
+      cmocka_unit_test(test_scheme_decides_before_ending),
+      cmocka_unit_test(test_rtsp_is_connected_to),
+      cmocka_unit_test(test_waits_end_when_asked_to),
+      cmocka_unit_test(test_options_are_checked),
+      cmocka_unit_test(test_only_files_and_networks),
+      cmocka_unit_test(test_sound_is_finite),
+      cmocka_unit_test(test_sound_is_clipped),
   };
   return cmocka_run_group_tests(tests, set_up, tear_down);
 }

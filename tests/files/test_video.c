@@ -263,8 +263,9 @@ static void test_sizes_and_rates(void **state) {
   (void)state;
   const struct {
     int width, height, numerator, denominator, frames;
-  } cases[] = {{1, 1, 25, 1, 2},       {2, 3, 50, 2, 4},  {33, 17, 30000, 1001, 40}, {450, 450, 25, 1, 3},
-               {62, 34, 1000, 33, 12}, {16, 16, 1, 2, 3}, {18, 20, 240, 1, 5},       {48, 40, 999983, 39979, 30}};
+  } cases[] = {{1, 1, 25, 1, 2},       {2, 3, 50, 2, 4},    {33, 17, 30000, 1001, 40}, {450, 450, 25, 1, 3},
+               {62, 34, 1000, 33, 12}, {16, 16, 1, 2, 3},   {18, 20, 240, 1, 5},       {48, 40, 999983, 39979, 30},
+               {16, 16, 1, 100, 3},    {16, 16, 1000, 1, 9}};
   for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
     ern_video_options options = ern_video_options_default(cases[i].width, cases[i].height);
     ern_video_info info;
@@ -398,7 +399,11 @@ static void test_nothing_is_left_behind(void **state) {
   wrong.width = 0;
   assert_int_equal(ern_video_writer_open(context, "place/a.mp4", &wrong, &writer), ERN_E_SHAPE);
   wrong = options;
-  wrong.rate_denominator = 0;
+  for (int denominator = -1; denominator <= 0; denominator++) {
+    wrong.rate_denominator = denominator;
+    assert_int_equal(ern_video_writer_open(context, "place/a.mp4", &wrong, &writer), ERN_E_ARGUMENT);
+  }
+  wrong.rate_numerator = 2001, wrong.rate_denominator = 2;
   assert_int_equal(ern_video_writer_open(context, "place/a.mp4", &wrong, &writer), ERN_E_ARGUMENT);
   wrong = options;
   wrong.crf = 52;

@@ -138,8 +138,20 @@ static void test_host_that_traps(void **state) {
 #endif
 }
 
+/* A list of other files is no segment. */
+static void test_lists_are_refused(void **state) {
+  (void)state;
+  static const char *const segments[] = {"list.mp4"};
+  const ern_video_options options = ern_video_options_default(SIDE, SIDE);
+  write_video("listed.mp4", &options);
+  support_write_text("list.mp4", "ffconcat version 1.0\nfile listed.mp4\n");
+  support_expect(context, ern_video_join(context, "of_list.mp4", segments, 1, NULL, 0), ERN_E_FORMAT, "list.mp4",
+                 "playlist", NULL);
+}
+
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_join_keeps_tag_and_provenance),
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_lists_are_refused),
+                                     cmocka_unit_test(test_join_keeps_tag_and_provenance),
                                      cmocka_unit_test(test_sound_is_checked), cmocka_unit_test(test_host_that_traps)};
   return cmocka_run_group_tests_name("video_join", tests, set_up, tear_down);
 }

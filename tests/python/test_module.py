@@ -217,6 +217,12 @@ class Module(unittest.TestCase):
             self.assertEqual(trainer._held, [])
             with self.says(ValueError, "the Trainer is closed"):
                 trainer.step()
+            for use in ("step", "run"):
+                trainer = ernerf.Trainer(backend, clip, iters=10, validate_every=4, validate_frames=1, **OPTIONS)
+                with self.says(ValueError, rf"the Trainer is in run\(\), expected {use}\(\)"):
+                    trainer.run(lambda report: getattr(trainer, use)())
+                done = trainer.report.step
+                self.assertEqual(trainer.step().step, done + 1)
         context = ernerf.Context(log=lambda level, line: context.close())
         backend = ernerf.Backend(context)
         self.assertTrue(context.closed and context._held)

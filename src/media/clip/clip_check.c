@@ -333,6 +333,10 @@ static void check_sound(struct report *report) {
   }
   snprintf(path, sizeof path, "%s/%s", report->folder, ern_clip_content(ERN_CLIP_SOUND));
   if (status == ERN_OK) status = ern_sound_read(report->context, path, &sound);
+  if (status == ERN_E_NO_MEMORY) {
+    say_wrong(report, status, "");
+    return;
+  }
   if (status != ERN_OK) {
     char reason[REASON_BYTES];
     (void)ern_last_error_copy(report->context, reason, sizeof reason);
@@ -365,6 +369,7 @@ static void check_sound(struct report *report) {
 static void report_prepare(struct report *report) {
   bool there = false;
   const ern_status status = ern_clip_has(report->context, report->folder, ERN_CLIP_RECORD, &there);
+  if (status != ERN_OK) say_wrong(report, status, "");
   if (status != ERN_OK || !there || !report->lacks) return;
   add_line(
       report, THERE,

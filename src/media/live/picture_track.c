@@ -11,6 +11,15 @@
 
 static const char *const default_preset = "veryfast"; /* thin/defaults.c compares its crf with that of x264's default */
 
+ern_status ern_picture_rate_check(ern_context *context, const char *path, int numerator, int denominator) {
+  const int64_t n = numerator, d = denominator;
+  if (n >= 1 && n <= ERN_RATE_PART && d >= 1 && d <= ERN_RATE_PART && 100 * n >= d && n <= 1000 * d) return ERN_OK;
+  return ern_fail(
+      context, ERN_E_ARGUMENT,
+      "%s: rate_numerator/rate_denominator is %d/%d frames a second, expected 1/100 to 1000, both parts 1 to %d", path,
+      numerator, denominator, ERN_RATE_PART);
+}
+
 /* The encoder of that name, else any encoder of the codec that supports its pixel format. */
 static const AVCodec *find_encoder(const struct ern_video_codec *wanted) {
   const AVCodec *codec = avcodec_find_encoder_by_name(wanted->encoder);

@@ -9,6 +9,11 @@
 #include "media/ffmpeg.h"
 #include "media/live/video_forms.h"
 
+/* ERN_E_ARGUMENT unless numerator/denominator pictures a second are 1/100 to 1000, both parts 1 to ERN_RATE_PART: the
+ * times of every container hold such pictures apart, and do not overflow. */
+enum { ERN_RATE_PART = 1000000 };
+ERN_NODISCARD ern_status ern_picture_rate_check(ern_context *context, const char *path, int numerator, int denominator);
+
 enum ern_picture_coding {
   ERN_PICTURES_FILE,   /* for a file */
   ERN_PICTURES_LIVE,   /* H.264 without B-frames, a key frame a second */

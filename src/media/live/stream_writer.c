@@ -18,7 +18,6 @@
 #include "media/video/video_sound.h"
 
 enum {
-  MAX_RATE_PART = 1000000,
   FRAGMENT = 80000,       /* microseconds of an mp4 fragment of a stream */
   FILE_FRAGMENT = 1000000 /* the same of a file: what a killed process loses */
 };
@@ -66,16 +65,15 @@ static ern_status check_options(ern_context *context, const char *url, const ern
   const struct {
     const char *name;
     int value, least, most;
-  } rows[] = {{"rate_numerator", o->rate_numerator, 1, MAX_RATE_PART},
-              {"rate_denominator", o->rate_denominator, 1, MAX_RATE_PART},
-              {"sound_rate", o->sound_rate, sound ? 1 : 0, 384000},
+  } rows[] = {{"sound_rate", o->sound_rate, sound ? 1 : 0, 384000},
               {"sound_channels", o->sound_channels, sound ? 1 : 0, 8},
               {"crf", o->crf, 0, 51}};
   for (size_t i = 0; i < sizeof rows / sizeof *rows; i++)
     if (rows[i].value < rows[i].least || rows[i].value > rows[i].most)
       return ern_fail(context, ERN_E_ARGUMENT, "%s: %s is %d, expected %d to %d", url, rows[i].name, rows[i].value,
                       rows[i].least, rows[i].most);
-  return ern_image_check_sides(context, url, o->width, o->height);
+  const ern_status status = ern_picture_rate_check(context, url, o->rate_numerator, o->rate_denominator);
+  return status == ERN_OK ? ern_image_check_sides(context, url, o->width, o->height) : status;
 }
 
 /* Whether `url` begins with one of the form's schemes, or ends with one of its endings. */
@@ -124,7 +122,7 @@ static ern_status open_tracks(ern_stream_writer *w) {
   const ern_stream_options *o = &w->options;
   AVRational rate;
   ern_status status = ERN_OK;
-  av_reduce(&rate.num, &rate.den, o->rate_numerator, o->rate_denominator, MAX_RATE_PART);
+  av_reduce(&rate.num, &rate.den, o->rate_numerator, o->rate_denominator, ERN_RATE_PART);
   if (w->form->muxer == NULL) return ERN_NEW(w->context, 4 * (size_t)o->width * (size_t)o->height, &w->last);
   w->muxer = (struct ern_muxer){.context = w->context, .path = w->url, .packet = av_packet_alloc()};
   const int error = avformat_alloc_output_context2(&w->muxer.container, NULL, w->form->muxer, NULL);

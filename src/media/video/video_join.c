@@ -11,6 +11,7 @@
 #include "ernerf/media.h"
 #include "io/file.h"
 #include "media/ffmpeg.h"
+#include "media/live/picture_track.h"
 #include "media/video/video_sound.h"
 
 enum { MOST_XMP = 1 << 20 };
@@ -42,18 +43,14 @@ static void close_segment(struct segment *s) {
 }
 
 static ern_status open_segment(ern_context *context, const char *path, struct segment *s) {
-  char *url = NULL;
   ern_status status = ERN_OK;
   *s = (struct segment){.path = path, .packet = av_packet_alloc()};
-  ERN_TRY(ern_av_url(context, path, &url));
-  int error = s->packet != NULL ? avformat_open_input(&s->container, url, NULL, NULL) : AVERROR(ENOMEM);
-  if (error >= 0) error = avformat_find_stream_info(s->container, NULL);
-  if (error < 0) ERN_TRY(ern_av_fail(context, ERN_E_FORMAT, path, "read the video", error));
+  if (s->packet == NULL) ERN_TRY(ern_fail(context, ERN_E_NO_MEMORY, "%s: no memory for a packet", path));
+  ERN_TRY(ern_av_open_file(context, path, &s->container));
   const int best = av_find_best_stream(s->container, AVMEDIA_TYPE_VIDEO, -1, -1, NULL, 0);
   if (best < 0) ERN_TRY(ern_fail(context, ERN_E_FORMAT, "%s: has no pictures, expected a video", path));
   s->stream = s->container->streams[best];
 fail:
-  ern_release(context, url);
   return status;
 }
 
@@ -95,8 +92,11 @@ static ern_status look_at(struct joined *j, struct segment *s, const struct segm
   bool end = false;
   int64_t count = 0, last = -1;
   ern_status status = ERN_OK;
-  if (first == NULL) j->rate = rate;
-  if (rate.num <= 0 || rate.den <= 0 || av_cmp_q(rate, j->rate) != 0)
+  if (first == NULL) {
+    j->rate = rate;
+    ERN_TRY(ern_picture_rate_check(j->context, s->path, rate.num, rate.den));
+  }
+  if (av_cmp_q(rate, j->rate) != 0)
     return ern_fail(j->context, ERN_E_MISMATCH, "%s: has %d/%d pictures a second, expected %d/%d", s->path, rate.num,
                     rate.den, j->rate.num, j->rate.den);
   if (first != NULL && !same_coding(s->stream->codecpar, first->stream->codecpar))
@@ -263,10 +263,10 @@ ern_status ern_video_join(ern_context *context, const char *path, const char *co
   struct joined j = {.context = context, .file = {.descriptor = -1}};
   struct segment first = {.path = NULL};
   ern_status status = ERN_OK;
-  ern_av_disable_log();
   if (count == 0) return ern_fail(context, ERN_E_ARGUMENT, "%s: 0 videos are to be joined, expected 1 or more", path);
   ERN_TRY(ern_sound_track_check(context, path, sound, sound_start));
-  for (size_t k = 0; k < count; k++) ERN_NEED(context, segments[k]);
+  for (size_t k = 0; k < count; k++)
+    if (segments[k] == NULL) return ern_fail(context, ERN_E_ARGUMENT, "ern_video_join: segments[%zu] is NULL", k);
   ERN_TRY(look_at_all(&j, segments, count, &first));
   ERN_TRY(read_xmp(&j, segments[0]));
   ERN_TRY(open_output(&j, path, &first, sound, sound_start));

@@ -1,6 +1,5 @@
 /* SPDX-License-Identifier: MIT
  * Reads video files frame by frame as RGB. */
-#include <libavutil/display.h>
 #include <libavutil/opt.h>
 #include <libavutil/pixdesc.h>
 #include <libswscale/swscale.h>
@@ -14,6 +13,8 @@
 #include "ernerf/media.h"
 #include "media/ffmpeg.h"
 #include "media/image.h"
+#include "media/live/picture_track.h"
+#include "media/truncation.h"
 #include "media/video/video_frame.h"
 #include "media/video/video_sdr.h"
 
@@ -34,37 +35,45 @@ struct ern_video_reader {
   struct form form;
   struct ern_video_sdr *sdr; /* NULL for SDR */
   uint16_t *deep;            /* [height][width][3]: RGB before `sdr` */
-  int quarters;              /* clockwise rotations by 90 degrees that the file asks for: 0..3 */
-  ern_image lying;           /* the frame before rotation */
+  int orientation;           /* EXIF's, 1..8: how the file asks to turn and mirror its frames */
+  ern_image lying;           /* the frame before that */
   bool found;                /* decoder.frame is the frame that a seek found, and the next one to be read */
+  int64_t first, until;      /* time stamps: of the first frame, and of the end of the last one so far */
+  bool has_first, sought;    /* sought: not read from the beginning on */
 };
 
 static void copy_name(char to[32], const char *name) { snprintf(to, 32, "%s", name != NULL ? name : "unknown"); }
 
-/* The rotation by the stream's display matrix (how a telephone was held), rounded to quarter turns. */
-static int quarters_of(const AVStream *stream) {
+/* EXIF's orientation of the stream's display matrix (a b . c d . ...): it maps a pixel (p, q) to (a p + c q, b p + d
+ * q). The angle is rounded to quarter turns. */
+static int orientation_of(const AVStream *stream) {
+  static const int orientation[2][2][2] = {{{1, 4}, {2, 3}}, {{5, 6}, {8, 7}}};
   size_t bytes = 0;
-  const uint8_t *matrix = av_stream_get_side_data(stream, AV_PKT_DATA_DISPLAYMATRIX, &bytes);
-  if (matrix == NULL || bytes < 9 * sizeof(int32_t)) return 0;
-  const double degrees = -av_display_rotation_get((const int32_t *)(const void *)matrix);
-  return isfinite(degrees) ? (int)lround(degrees / 90) & 3 : 0;
+  const uint8_t *data = av_stream_get_side_data(stream, AV_PKT_DATA_DISPLAYMATRIX, &bytes);
+  if (data == NULL || bytes < 9 * sizeof(int32_t)) return 1;
+  const int32_t *matrix = (const int32_t *)(const void *)data;
+  const double a = matrix[0], b = matrix[1], c = matrix[3], d = matrix[4];
+  const bool swapped = fabs(b) + fabs(c) > fabs(a) + fabs(d);
+  return orientation[swapped][(swapped ? b : a) < 0][(swapped ? c : d) < 0];
 }
 
 static void describe(ern_video_reader *reader) {
   AVFormatContext *container = reader->decoder.container;
   const AVCodecContext *codec = reader->decoder.codec;
   ern_video_info *info = &reader->info;
-  const AVRational rate = av_guess_frame_rate(container, reader->decoder.stream, NULL);
+  AVRational rate = av_guess_frame_rate(container, reader->decoder.stream, NULL);
+  av_reduce(&rate.num, &rate.den, rate.num, rate.den, ERN_RATE_PART);
   *info = (ern_video_info){
       .width = codec->width, .height = codec->height, .rate_numerator = rate.num, .rate_denominator = rate.den};
-  reader->quarters = quarters_of(reader->decoder.stream);
-  if (reader->quarters % 2 != 0) {
+  reader->orientation = orientation_of(reader->decoder.stream);
+  const bool swapped = reader->orientation >= 5; /* rows are stored as columns */
+  if (swapped) {
     info->width = codec->height;
     info->height = codec->width;
   }
   const AVRational aspect = av_guess_sample_aspect_ratio(container, reader->decoder.stream, NULL);
   info->pixel_aspect = aspect.num > 0 && aspect.den > 0 ? av_q2d(aspect) : 1;
-  if (reader->quarters % 2 != 0) info->pixel_aspect = 1 / info->pixel_aspect;
+  if (swapped) info->pixel_aspect = 1 / info->pixel_aspect;
   if (container->start_time != AV_NOPTS_VALUE) info->start = (double)container->start_time / AV_TIME_BASE;
   if (container->duration != AV_NOPTS_VALUE) info->duration = (double)container->duration / AV_TIME_BASE;
   copy_name(info->video_codec, avcodec_get_name(codec->codec_id));
@@ -217,17 +226,35 @@ static ern_status convert(ern_video_reader *reader, const AVFrame *frame, const 
   return ERN_OK;
 }
 
-/* *image = the part of the frame (of one with other quarters than 0: the whole frame) as RGB, upright. */
+/* Warns where the pictures end before the length that the header states, in which other streams do not count. */
+static void check_end(ern_video_reader *reader) {
+  const AVStream *stream = reader->decoder.stream;
+  const double unit = av_q2d(stream->time_base);
+  if (!reader->has_first || reader->sought || stream->duration <= 0 ||
+      reader->decoder.container->duration_estimation_method == AVFMT_DURATION_FROM_BITRATE)
+    return;
+  ern_truncation_warn_end(reader->context, reader->decoder.path, "video",
+                          (double)(reader->until - reader->first) * unit, (double)stream->duration * unit);
+  reader->has_first = false; /* once */
+}
+
+static void note_time(ern_video_reader *reader, const AVFrame *frame) {
+  const int64_t at = frame->best_effort_timestamp, end = at + frame->pkt_duration;
+  if (!reader->has_first) reader->first = reader->until = at;
+  reader->has_first = true;
+  if (end > reader->until) reader->until = end;
+}
+
+/* *image = the part of the frame (of one with another orientation than 1: the whole frame) as RGB, upright. */
 static ern_status rgb_of(ern_video_reader *reader, const AVFrame *frame, const int part[4], ern_image *image) {
-  static const int orientation[4] = {1, 6, 3, 8}; /* EXIF's, of clockwise quarter turns */
   ern_context *context = reader->context;
   const char *path = reader->decoder.path;
   ern_status status = ERN_OK;
   ERN_TRY(prepare(reader, frame, part[2], part[3]));
-  ern_image *straight = reader->quarters != 0 ? &reader->lying : image;
+  ern_image *straight = reader->orientation != 1 ? &reader->lying : image;
   ERN_TRY(ern_image_fit(context, path, part[2], part[3], 3, straight));
   ERN_TRY(convert(reader, frame, part, straight));
-  if (reader->quarters != 0) ERN_TRY(ern_image_turn(context, path, straight, orientation[reader->quarters], image));
+  if (reader->orientation != 1) ERN_TRY(ern_image_turn(context, path, straight, reader->orientation, image));
 fail:
   return status;
 }
@@ -239,10 +266,14 @@ static ern_status decode(ern_video_reader *reader, double *seconds, bool *end) {
   *end = false;
   if (!reader->found) ERN_TRY(ern_decoder_next(&reader->decoder, end));
   reader->found = false;
-  if (*end) return ERN_OK;
+  if (*end) {
+    check_end(reader);
+    return ERN_OK;
+  }
   ERN_TRY(ern_image_check_sides(reader->context, reader->decoder.path, frame->width, frame->height));
   if (frame->best_effort_timestamp == AV_NOPTS_VALUE)
     ERN_TRY(ern_fail(reader->context, ERN_E_FORMAT, "%s: a frame has no time", reader->decoder.path));
+  note_time(reader, frame);
   *seconds = (double)frame->best_effort_timestamp * av_q2d(reader->decoder.stream->time_base);
 fail:
   return status;
@@ -266,7 +297,7 @@ static bool is_plain(const ern_video_reader *reader, const AVFrame *frame) {
   const bool usual = (frame->color_trc == AVCOL_TRC_BT709 || frame->color_trc == AVCOL_TRC_UNSPECIFIED) &&
                      (frame->color_primaries == AVCOL_PRI_BT709 || frame->color_primaries == AVCOL_PRI_UNSPECIFIED);
   const bool left = frame->chroma_location == AVCHROMA_LOC_LEFT || frame->chroma_location == AVCHROMA_LOC_UNSPECIFIED;
-  return reader->quarters == 0 && usual && frame->format == AV_PIX_FMT_YUV420P && left &&
+  return reader->orientation == 1 && usual && frame->format == AV_PIX_FMT_YUV420P && left &&
          frame->color_range != AVCOL_RANGE_JPEG && matrix_of(frame) == sws_getCoefficients(SWS_CS_ITU709) &&
          frame->width % 2 == 0 && frame->height % 2 == 0;
 }
@@ -331,6 +362,7 @@ ern_status ern_video_reader_seek(ern_video_reader *reader, double seconds) {
     return ern_fail(reader->context, ERN_E_ARGUMENT, "%s: second %g, expected a time in it", reader->decoder.path,
                     seconds);
   reader->found = false;
+  reader->sought = true;
   return seek(reader, (int64_t)ceil(seconds / av_q2d(reader->decoder.stream->time_base) - 1e-3));
 }
 

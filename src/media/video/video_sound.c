@@ -177,11 +177,15 @@ fail:
 
 ern_status ern_sound_track_add(struct ern_muxer *muxer, struct ern_sound_track *track, const float *samples,
                                size_t frames) {
+  enum { PART = 512 };
   const int packet = track->frame->nb_samples;
+  const size_t channels = (size_t)track->channels; /* at most 8 */
+  float clipped[PART * 8];                         /* integers of swresample wrap, and AAC refuses large numbers */
   ern_status status = ERN_OK;
   for (size_t done = 0, part; samples != NULL && done < frames; done += part) {
-    part = frames - done < 65536 ? frames - done : 65536;
-    ERN_TRY(convert(muxer, track, (const uint8_t *)(samples + done * (size_t)track->channels), (int)part));
+    part = frames - done < PART ? frames - done : PART;
+    for (size_t i = 0; i < part * channels; i++) clipped[i] = fminf(fmaxf(samples[done * channels + i], -1), 1);
+    ERN_TRY(convert(muxer, track, (const uint8_t *)clipped, (int)part));
   }
   if (samples == NULL) ERN_TRY(convert(muxer, track, NULL, 0));
   while (av_audio_fifo_size(track->waiting) >= packet) ERN_TRY(encode(muxer, track, packet));

@@ -37,7 +37,7 @@ ERN_NODISCARD ern_status ern_sound_track_advance(struct ern_muxer *muxer, struct
 /* Opens a track whose samples the caller passes to ern_sound_track_add. id: AAC, or 16-bit PCM. */
 ERN_NODISCARD ern_status ern_sound_track_open_live(struct ern_muxer *muxer, int rate, int channels, enum AVCodecID id,
                                                    struct ern_sound_track *track);
-/* samples: [frames][channels], full scale is 1; NULL: the sound ends. */
+/* samples: [frames][channels], clipped to full scale, -1..1; NULL: the sound ends. */
 ERN_NODISCARD ern_status ern_sound_track_add(struct ern_muxer *muxer, struct ern_sound_track *track,
                                              const float *samples, size_t frames);
 void ern_sound_track_close(struct ern_sound_track *track); /* accepts a zeroed one */

@@ -14,8 +14,6 @@
 #include "media/video/video_frame.h"
 #include "media/video/video_sound.h"
 
-enum { MAX_RATE_PART = 1000000 };
-
 struct ern_video_writer {
   ern_context *context;
   const struct ern_video_form *form;
@@ -32,11 +30,7 @@ struct ern_video_writer {
 static ern_status check_options(ern_context *context, const char *path, const ern_video_options *options) {
   ern_status status = ERN_OK;
   ERN_TRY(ern_image_check_sides(context, path, options->width, options->height));
-  if (options->rate_numerator < 1 || options->rate_denominator < 1 || options->rate_numerator > MAX_RATE_PART ||
-      options->rate_denominator > MAX_RATE_PART) {
-    ERN_TRY(ern_fail(context, ERN_E_ARGUMENT, "%s: %d/%d frames a second, expected both parts in 1 to %d", path,
-                     options->rate_numerator, options->rate_denominator, MAX_RATE_PART));
-  }
+  ERN_TRY(ern_picture_rate_check(context, path, options->rate_numerator, options->rate_denominator));
   status = ern_sound_track_check(context, path, options->sound, options->sound_start);
 fail:
   return status;
@@ -94,7 +88,7 @@ ern_status ern_video_writer_open(ern_context *context, const char *path, const e
   if (chosen.sound != NULL && made->form->sound == AV_CODEC_ID_NONE)
     ERN_TRY(ern_fail(context, ERN_E_UNSUPPORTED, "%s: there is a sound for it, and a %s holds none", path,
                      made->form->muxer));
-  av_reduce(&made->rate.num, &made->rate.den, chosen.rate_numerator, chosen.rate_denominator, MAX_RATE_PART);
+  av_reduce(&made->rate.num, &made->rate.den, chosen.rate_numerator, chosen.rate_denominator, ERN_RATE_PART);
   if (strcmp(made->form->muxer, "gif") == 0 && av_cmp_q(made->rate, (AVRational){100, 1}) > 0)
     ERN_TRY(ern_fail(context, ERN_E_ARGUMENT,
                      "%s: %g frames a second, expected at most 100 in a gif, whose times are in 1/100 s", path,

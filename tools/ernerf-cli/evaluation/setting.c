@@ -3,6 +3,7 @@
 
 #include <inttypes.h>
 #include <stdlib.h>
+#include <sys/stat.h>
 
 #include "ernerf/speech.h"
 
@@ -57,6 +58,18 @@ static int frames_of_speech(const struct evaluation *evaluation, const char *pat
   return 0;
 }
 
+/* Whether a file is one of the clip's, through links of any kind too. */
+static bool is_of_clip(const char *path, const char *clip) {
+  char own[4096];
+  struct stat file, other;
+  if (session_lies_in(path, clip)) return true;
+  for (size_t i = 0; ern_clip_content(i) != NULL && stat(path, &file) == 0; i++)
+    if (snprintf(own, sizeof own, "%s/%s", clip, ern_clip_content(i)) < (int)sizeof own && stat(own, &other) == 0 &&
+        file.st_dev == other.st_dev && file.st_ino == other.st_ino)
+      return true;
+  return false;
+}
+
 int setting_open(int setting, struct evaluation *evaluation, const struct portrait *portrait) {
   struct session *session = evaluation->session;
   struct frame_source *source = &evaluation->frame_source;
@@ -64,9 +77,9 @@ int setting_open(int setting, struct evaluation *evaluation, const struct portra
   const size_t all = source->count;
   size_t frames = 0;
   if (setting != SETTING_SYNCHRONIZATION) return 0;
-  if (session_lies_in(speech, portrait->source.path))
+  if (is_of_clip(speech, portrait->source.path))
     return session_fail_with(session,
-                             "%s: is in %s, so it is the clip's own speech; expected a file elsewhere: other speech",
+                             "%s: is in %s, so it is the clip's own speech; expected another file: other speech",
                              speech, portrait->source.path);
   if (frames_of_speech(evaluation, speech, &frames) != 0) return EXIT_FAILURE;
   source->count = 0;

@@ -58,8 +58,7 @@ static void in_options(struct live_job *job, struct option options[IN_OPTIONS]) 
        .low = 0.04,
        .high = 10,
        .help = "skip frames, with their sound, while more than T of sound waits beyond the look-ahead, "
-               "such as "
-               "that of a microphone which started before the rendering (default: no limit; 0.2 for a DEVICE)"},
+               "such as that of a microphone which started before the rendering (default: no limit; 0.2 for a DEVICE)"},
       {.name = "look-ahead",
        .kind = OPTION_INT,
        .target = &job->look_ahead,
@@ -114,7 +113,7 @@ static void out_options(struct live_job *job, struct option options[OUT_OPTIONS]
        .target = &job->output.drops,
        .choices = "wait|drop",
        .help = "where the output is read too slowly: rendering waits, or frames are left out, with their sound "
-               "(default drop; wait with --as-fast)"},
+               "(default drop; wait for a file, and with --as-fast)"},
       {.name = "as-fast",
        .kind = OPTION_FLAG,
        .target = &job->unpaced,
@@ -153,6 +152,15 @@ static int check_unlisted(const struct args *args) {
   return status;
 }
 
+/* The path of a file that `url` names, which is created or replaced; NULL: an address, a pipe or a device, which is
+ * written to directly. */
+static const char *file_of(const char *url) {
+  const char *path = url != NULL ? ern_stream_file(url) : NULL;
+  struct stat there;
+  if (path == NULL || strcmp(path, "-") == 0) return NULL;
+  return stat(path, &there) != 0 || S_ISREG(there.st_mode) || S_ISDIR(there.st_mode) ? path : NULL;
+}
+
 /* Checks the options. The policy for a slow reader is an option whose default depends on --as-fast. */
 static int check_usage(struct live_job *job, const struct args *args, int slow_reader) {
   int status = -1;
@@ -184,7 +192,8 @@ static int check_usage(struct live_job *job, const struct args *args, int slow_r
     status = args_refuse(args, "--json and -o - both take standard output, expected --json FILE.json");
   if (!args_given(args, "max-delay") && job->sound.url != NULL && ern_sound_reader_is_device(job->sound.url))
     job->most_delay = 0.2;
-  job->output.drops = args_given(args, "slow-reader") ? slow_reader == 1 : !job->unpaced;
+  job->output.drops =
+      args_given(args, "slow-reader") ? slow_reader == 1 : !job->unpaced && file_of(job->output.url) == NULL;
   return status;
 }
 
@@ -253,15 +262,6 @@ static int open_live(struct live_job *job) {
   return ern_live_open(job->session.context, &options, &job->live) == ERN_OK ? 0 : session_fail(&job->session);
 }
 
-/* The path of a file that `url` names, which is created or replaced; NULL: an address, a pipe or a device, which is
- * written to directly. */
-static const char *file_of(const char *url) {
-  const char *path = url != NULL ? ern_stream_file(url) : NULL;
-  struct stat there;
-  if (path == NULL || strcmp(path, "-") == 0) return NULL;
-  return stat(path, &there) != 0 || S_ISREG(there.st_mode) || S_ISDIR(there.st_mode) ? path : NULL;
-}
-
 static int open_all(struct live_job *job, const struct args *args) {
   struct session *session = &job->session;
   const char *file = file_of(job->output.url);
@@ -315,19 +315,20 @@ static int finish(struct live_job *job, int status) {
   if (error != NULL && mute && job->frames == 0) status = session_fail_with(session, "%s", error);
   if (error != NULL && status == 0) session_warn(session, "%s", error);
   free(error);
-  if (status != 0) {
-    status = live_output_fail(&job->output);
-    if (job->output.kept) (void)provenance_write(&job->provenance, session, about_output(job));
-    return status;
-  }
+  if (status != 0) live_output_fail(&job->output);
   live_sound_stop(&job->sound);
   live_control_stop(&job->commands);
-  const int closed = live_output_close(&job->output, stopped && file_of(job->output.url) == NULL);
-  if (closed != 0 && !job->output.kept) return EXIT_FAILURE;
-  if (provenance_write(&job->provenance, session, about_output(job)) != 0 || closed != 0) return EXIT_FAILURE;
-  const unsigned long long written = atomic_load(&job->output.written);
+  if (status == 0) live_output_close(&job->output, stopped && file_of(job->output.url) == NULL);
+  const bool is_there = job->output.kept || (status == 0 && job->output.error == NULL);
+  if (is_there && provenance_write(&job->provenance, session, about_output(job)) != 0) status = EXIT_FAILURE;
+  if (job->output.error != NULL) status = session_fail_with(session, "%s", job->output.error); /* the last line */
+  if (status != 0) return status;
+  const unsigned long long written = atomic_load(&job->output.written), left = atomic_load(&job->output.left_out);
+  if (left > 0)
+    session_warn(session, "%llu frames were left out, with their sound, as %s did not take them in time", left,
+                 job->output.url);
   session_note(session, "live: %llu frames written, %llu repeated, %llu left out: %s", written,
-               (unsigned long long)job->repeated, atomic_load(&job->output.left_out), job->output.url);
+               (unsigned long long)job->repeated, left, job->output.url);
   if (!job->unpaced) rate_control_summary(&job->rate_control, 0);
   if (session_report(session, live_statistics(job)) != 0) return EXIT_FAILURE;
   if (mute) return EXIT_FAILURE; /* already reported */

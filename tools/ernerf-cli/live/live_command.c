@@ -18,14 +18,14 @@ static void refuse(struct live_job *job, const char *reason) {
   live_control_answer(&job->commands, text);
 }
 
-/* Whether `url` names a file, not a device, that cannot be read, or a folder; errno says why. */
-static bool is_unreadable(const char *url) {
+/* Why the file that `url` names cannot be played; NULL: it may, or `url` names a device of FFmpeg's or an address. */
+static const char *why_unreadable(const char *url) {
   const char *path = ern_stream_file(url);
   struct stat about;
-  if (path == NULL || strcmp(path, "-") == 0 || ern_sound_reader_is_device(url)) return false;
-  if (access(path, R_OK) != 0 || stat(path, &about) != 0) return true;
-  errno = EISDIR;
-  return S_ISDIR(about.st_mode);
+  if (path == NULL || strcmp(path, "-") == 0 || ern_sound_reader_is_device(url)) return NULL;
+  if (access(path, R_OK) != 0 || stat(path, &about) != 0) return strerror(errno);
+  if (S_ISDIR(about.st_mode)) return strerror(EISDIR);
+  return S_ISREG(about.st_mode) || S_ISFIFO(about.st_mode) ? NULL : "is a device, expected a file or FIFO";
 }
 
 /* Whether the sound of a regular file can be read; other inputs would block. */
@@ -43,12 +43,13 @@ static bool has_sound(struct live_job *job, const char *url) {
 static void say(struct live_job *job, bool speaks, const char *rest) {
   char text[LIVE_LINE], reason[LIVE_LINE];
   unsigned id = 0;
+  const char *unreadable = speaks ? NULL : why_unreadable(rest);
   if (rest[0] == 0)
     refuse(job, speaks ? "say: expected a text" : "play: expected a file");
   else if (job->sound.url != NULL && !job->sound.keeps_running)
     refuse(job, "say and play: with --audio they need --stay, and are heard after its sound");
-  else if (!speaks && is_unreadable(rest)) {
-    snprintf(text, sizeof text, "play: %.3500s: %s", rest, strerror(errno));
+  else if (unreadable != NULL) {
+    snprintf(text, sizeof text, "play: %.3500s: %s", rest, unreadable);
     refuse(job, text);
   } else if (!speaks && !has_sound(job, rest)) {
     (void)ern_last_error_copy(job->session.context, reason, sizeof reason);

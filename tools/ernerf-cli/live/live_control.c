@@ -9,23 +9,27 @@
 #include <sys/socket.h>
 #include <sys/stat.h>
 #include <sys/un.h>
+#include <time.h>
 #include <unistd.h>
 
-enum { LOOK_MS = 100 };
+enum { LOOK_MS = 100, HANDOVER_MS = 20 /* wait for the thread, which may be between two lines */ };
 
-static bool is_over(struct live_control *control) {
+/* Returns false where the program ends. */
+static bool set_idle(struct live_control *control, bool idle) {
   (void)pthread_mutex_lock(&control->mutex);
   const bool stop = control->stop;
+  control->idle = idle;
+  if (idle) (void)pthread_cond_broadcast(&control->moved);
   (void)pthread_mutex_unlock(&control->mutex);
-  return stop;
+  return !stop;
 }
 
 /* Waits until the descriptor is readable; false: the program ends. */
 static bool await_input(struct live_control *control, int descriptor) {
-  while (!is_over(control)) {
+  for (int wait = 0; set_idle(control, wait > 0); wait = LOOK_MS) {
     struct pollfd look = {.fd = descriptor, .events = POLLIN};
-    const int ready = poll(&look, 1, LOOK_MS);
-    if (ready > 0) return true;
+    const int ready = poll(&look, 1, wait);
+    if (ready > 0) return set_idle(control, false);
     if (ready < 0 && errno != EINTR) return false;
   }
   return false;
@@ -47,6 +51,7 @@ static bool exchange(struct live_control *control, const char *line) {
   snprintf(control->line, sizeof control->line, "%s", line);
   control->has_line = true;
   control->taken = control->answered = false;
+  (void)pthread_cond_broadcast(&control->moved);
   while (!control->answered && !control->stop) (void)pthread_cond_wait(&control->moved, &control->mutex);
   const bool answered = control->answered;
   control->has_line = false;
@@ -95,11 +100,8 @@ static void set_client(struct live_control *control, int client) {
 
 static void *read_control(void *user) {
   struct live_control *control = user;
-  if (control->listening < 0) {
-    read_lines(control, STDIN_FILENO);
-    return NULL;
-  }
-  while (await_input(control, control->listening)) {
+  if (control->listening < 0) read_lines(control, STDIN_FILENO);
+  while (control->listening >= 0 && await_input(control, control->listening)) {
     const int client = accept(control->listening, NULL, NULL);
     if (client < 0) continue;
     set_client(control, client);
@@ -107,6 +109,7 @@ static void *read_control(void *user) {
     set_client(control, -1);
     (void)close(client);
   }
+  (void)set_idle(control, true);
   return NULL;
 }
 
@@ -171,7 +174,14 @@ int live_control_start(struct live_control *control, struct session *session) {
 
 const char *live_control_line(struct live_control *control) {
   if (!control->running) return NULL;
+  struct timespec until;
+  (void)clock_gettime(CLOCK_REALTIME, &until);
+  until.tv_nsec += 1000000L * HANDOVER_MS;
+  until.tv_sec += until.tv_nsec / 1000000000;
+  until.tv_nsec %= 1000000000;
   (void)pthread_mutex_lock(&control->mutex);
+  for (int error = 0; !(control->has_line && !control->taken) && !control->idle && error == 0;)
+    error = pthread_cond_timedwait(&control->moved, &control->mutex, &until);
   const bool waits = control->has_line && !control->taken;
   control->taken = control->taken || waits;
   (void)pthread_mutex_unlock(&control->mutex);

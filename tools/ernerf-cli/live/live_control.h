@@ -21,6 +21,7 @@ struct live_control {
   pthread_cond_t moved;
   bool running, made;
   bool stop;            /* guarded by the mutex, as are the next members */
+  bool idle;            /* the thread has found nothing to read */
   bool has_line;        /* `line` waits to be taken, or for its answer */
   bool taken, answered; /* the state of `line` */
   char line[LIVE_LINE];
@@ -32,7 +33,8 @@ struct live_control {
 /* Creates the socket and starts the thread. A path with another file, or with a socket in use, is refused; a stale
  * socket is replaced. Returns 0, or EXIT_FAILURE after a message. */
 int live_control_start(struct live_control *control, struct session *session);
-/* The next line, without its newline; NULL: none waits. The caller must answer it before it requests the next one. */
+/* The next line, without its newline; NULL: none waits, of those that have come in. The caller must answer it before it
+ * requests the next one. */
 const char *live_control_line(struct live_control *control);
 /* text: one line, without its newline. */
 void live_control_answer(struct live_control *control, const char *text);

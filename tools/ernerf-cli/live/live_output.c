@@ -162,22 +162,16 @@ static void stop_writer(struct live_output *output, double patience) {
   atomic_store(&output->running, false);
 }
 
-int live_output_close(struct live_output *output, bool soon) {
-  stop_writer(output, soon ? grace : INFINITY);
-  return output->error == NULL ? 0 : session_fail_with(output->session, "%s", output->error);
-}
+void live_output_close(struct live_output *output, bool soon) { stop_writer(output, soon ? grace : INFINITY); }
 
-int live_output_fail(struct live_output *output) {
+void live_output_fail(struct live_output *output) {
   atomic_store(&output->given_up, true);
   if (atomic_load(&output->running)) queue_break(&output->queue);
   stop_writer(output, 0);
-  return output->error == NULL ? EXIT_FAILURE : session_fail_with(output->session, "%s", output->error);
 }
 
 void live_output_free(struct live_output *output) {
-  atomic_store(&output->given_up, true);
-  if (atomic_load(&output->running)) queue_break(&output->queue);
-  stop_writer(output, 0);
+  live_output_fail(output);
   ern_stream_writer_abandon(&output->writer);
   for (size_t i = 0; i < LIVE_PICTURES; i++) {
     free(output->pictures[i].rgba);

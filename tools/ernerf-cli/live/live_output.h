@@ -56,10 +56,11 @@ int live_output_open(struct live_output *output, struct session *session, struct
  * failed. */
 struct live_picture *live_output_next(struct live_output *output, bool *failed);
 void live_output_put(struct live_output *output);
-/* Writes the queued frames and ends the stream; soon: within 2 s, else it is left `cut`. */
-int live_output_close(struct live_output *output, bool soon);
-/* Abandons the stream; prints the writer's error, if any. Returns EXIT_FAILURE. */
-int live_output_fail(struct live_output *output);
+/* Writes the queued frames and ends the stream; soon: within 2 s, else it is left `cut`. output->error says whether the
+ * writer failed. */
+void live_output_close(struct live_output *output, bool soon);
+/* Abandons the stream. */
+void live_output_fail(struct live_output *output);
 void live_output_free(struct live_output *output); /* in any state */
 
 /* Quantile of the lateness: `share` of the frames were written at most so many milliseconds late. */

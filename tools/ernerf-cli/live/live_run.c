@@ -118,9 +118,12 @@ static int make_frame(struct live_job *job, const ern_live_frame *frame, bool la
   return 0;
 }
 
+/* Serves the lines that wait: of a flood of them, LINES a frame, so that the stream goes on. */
 static void apply_control(struct live_job *job) {
-  const char *line = live_control_line(&job->commands);
-  if (line != NULL) live_command(job, line);
+  enum { LINES = 32 };
+  const char *line = NULL;
+  for (int i = 0; i < LINES && !job->quits && (line = live_control_line(&job->commands)) != NULL; i++)
+    live_command(job, line);
   char *error = live_sound_take_error(&job->sound);
   if (error != NULL) session_warn(&job->session, "%s", error);
   free(error);

@@ -161,8 +161,19 @@ void session_note_rank(struct session *session, const char *format, ...) {
   va_end(values);
 }
 
+/* Whether the library said the same a few lines before: it remarks on a file each time that it reads it. */
+static bool was_said(struct session *session, const char *line) {
+  uint64_t hash = 0xcbf29ce484222325; /* FNV-1a */
+  for (const char *at = line; *at != 0; at++) hash = (hash ^ (unsigned char)*at) * 0x100000001b3;
+  for (size_t i = 0; i < SESSION_SAID; i++)
+    if (atomic_load(&session->said[i]) == hash) return true;
+  atomic_store(&session->said[atomic_fetch_add(&session->said_count, 1) % SESSION_SAID], hash);
+  return false;
+}
+
 static void log_line(void *user, ern_log_level level, const char *line) {
   struct session *session = user;
+  if (level <= ERN_LOG_INFO && was_said(session, line)) return;
   if (level == ERN_LOG_INFO) session_note(session, "%s", line);
   if (level <= ERN_LOG_WARNING) session_warn(session, "%s", line);
 }

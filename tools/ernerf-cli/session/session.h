@@ -5,13 +5,14 @@
 #define ERN_CLI_SESSION_H
 
 #include <jansson.h>
+#include <stdatomic.h>
 
 #include "args.h"
 #include "bytes.h"
 #include "ernerf/backend.h"
 #include "ernerf/base.h"
 
-enum { SESSION_INPUTS = 16, SESSION_STAGED = 9 };
+enum { SESSION_INPUTS = 16, SESSION_STAGED = 9, SESSION_SAID = 16 };
 enum session_choice { SESSION_AUTO, SESSION_CPU, SESSION_OPENCL };
 
 struct session {
@@ -38,7 +39,9 @@ struct session {
   size_t staged, staged_size[SESSION_STAGED];
   char *staged_path[SESSION_STAGED];
   void *staged_bytes[SESSION_STAGED];
-  bool line_open; /* the terminal shows the progress line without its newline */
+  atomic_uint said_count;
+  _Atomic uint64_t said[SESSION_SAID]; /* hashes of the library's last remarks */
+  bool line_open;                      /* the terminal shows the progress line without its newline */
 };
 
 enum { SESSION_OUTPUT_OPTIONS = 3, SESSION_COMPUTE_OPTIONS = 5, SESSION_SEED_OPTIONS = 1 };

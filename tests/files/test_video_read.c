@@ -1,0 +1,222 @@
+/* SPDX-License-Identifier: MIT
+ * Videos as other programs write them: turned and mirrored, with sound that begins earlier or later, cut short. */
+#include <libavformat/avformat.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "core/memory.h"
+#include "ernerf/media.h"
+#include "io/file.h"
+#include "support.h"
+
+static ern_context *context;
+static char warned[1024]; /* the last warning of the log */
+
+static void keep_warning(void *user, ern_log_level level, const char *line) {
+  (void)user;
+  if (level == ERN_LOG_WARNING) snprintf(warned, sizeof warned, "%s", line);
+}
+
+static int set_up(void **state) {
+  ern_context_config config = ern_context_config_default();
+  (void)state;
+  config.log = keep_warning;
+  return ern_context_create(&context, &config) == ERN_OK ? 0 : -1;
+}
+
+static int tear_down(void **state) {
+  (void)state;
+  ern_context_free(&context);
+  return 0;
+}
+
+/* Writes the display matrix (ISO/IEC 14496-12, tkhd: a b 0 c d 0 0 0 1) of the first track of an mp4. */
+static void put_matrix(uint8_t *bytes, size_t count, const int numbers[4]) {
+  static const size_t places[4] = {0, 4, 12, 16};
+  size_t at = 0;
+  while (at + 80 < count && memcmp(bytes + at, "tkhd", 4) != 0) at++;
+  assert_true(at + 80 < count);
+  for (size_t i = 0; i < 4; i++) { /* 16.16, big end first */
+    const uint8_t number[4] = {numbers[i] < 0 ? 0xff : 0, (uint8_t)numbers[i], 0, 0};
+    memcpy(bytes + at + 44 + places[i], number, 4);
+  }
+}
+
+/* A frame whose quarters are grey 40, 100, 160 and 220, by each of the eight matrices. A pixel (p, q) is shown at
+ * (a p + c q, b p + d q). */
+static void test_display_matrix(void **state) {
+  (void)state;
+  enum { WIDE = 64, HIGH = 32 };
+  static const int matrices[8][4] = {{1, 0, 0, 1}, {-1, 0, 0, 1}, {-1, 0, 0, -1}, {1, 0, 0, -1},
+                                     {0, 1, 1, 0}, {0, 1, -1, 0}, {0, -1, -1, 0}, {0, -1, 1, 0}};
+  const ern_video_options options = ern_video_options_default(WIDE, HIGH);
+  ern_video_writer *writer = NULL;
+  uint8_t rgba[WIDE * HIGH * 4], *bytes = NULL;
+  size_t count = 0;
+  for (int i = 0; i < WIDE * HIGH; i++)
+    memset(rgba + 4 * i, 40 + 60 * ((i / WIDE >= HIGH / 2) * 2 + (i % WIDE >= WIDE / 2)), 4);
+  support_ok(context, ern_video_writer_open(context, "lying.mp4", &options, &writer));
+  support_ok(context, ern_video_writer_frame(writer, rgba));
+  support_ok(context, ern_video_writer_close(&writer));
+  support_ok(context, ern_file_read(context, "lying.mp4", 1 << 20, &bytes, &count));
+  for (int k = 0; k < 8; k++) {
+    const int *m = matrices[k];
+    ern_video_reader *reader = NULL;
+    ern_image shown = {0};
+    double seconds = 0;
+    bool end = true;
+    put_matrix(bytes, count, m);
+    support_write("shown.mp4", bytes, count);
+    support_ok(context, ern_video_reader_open(context, "shown.mp4", &reader));
+    support_ok(context, ern_video_reader_frame(reader, &shown, &seconds, &end));
+    assert_false(end);
+    assert_int_equal(shown.width, m[0] != 0 ? WIDE : HIGH);
+    assert_int_equal(shown.height, m[0] != 0 ? HIGH : WIDE);
+    for (int place = 0; place < 4; place++) {
+      const int p = place % 2 * 2 - 1, q = place / 2 * 2 - 1; /* a corner of the stored frame, from its centre */
+      const int x = m[0] * p + m[2] * q > 0 ? shown.width - 1 : 0, y = m[1] * p + m[3] * q > 0 ? shown.height - 1 : 0;
+      const int found = shown.data[3 * (y * shown.width + x)];
+      if (abs(found - 40 - 60 * place) > 8)
+        fail_msg("matrix %d %d %d %d: quarter %d is %d, expected %d", m[0], m[1], m[2], m[3], place, found,
+                 40 + 60 * place);
+    }
+    ern_image_free(context, &shown);
+    ern_video_reader_free(&reader);
+  }
+  ern_release(context, bytes);
+}
+
+/* ---- remuxed ----------------------------------------------------------------------------------------------------- */
+
+/* Copies the coded streams of an mp4 to another, its sound `later` seconds. Up to `until` seconds of each are there
+ * when its place ends; *cut: bytes of the file up to there. */
+static void remux(const char *from, const char *to, double later, double until, int64_t *cut) {
+  AVFormatContext *in = NULL, *out = NULL;
+  AVPacket *packet = av_packet_alloc();
+  AVDictionary *options = NULL;
+  assert_true(avformat_open_input(&in, from, NULL, NULL) >= 0 && avformat_find_stream_info(in, NULL) >= 0);
+  assert_true(avformat_alloc_output_context2(&out, NULL, "mp4", to) >= 0);
+  for (unsigned i = 0; i < in->nb_streams; i++) {
+    AVStream *stream = avformat_new_stream(out, NULL);
+    assert_true(avcodec_parameters_copy(stream->codecpar, in->streams[i]->codecpar) >= 0);
+    stream->time_base = in->streams[i]->time_base;
+  }
+  av_dict_set(&options, "moov_size", "100000", 0); /* reserved before the packets */
+  assert_true(avio_open(&out->pb, to, AVIO_FLAG_WRITE) >= 0 && avformat_write_header(out, &options) >= 0);
+  *cut = 0;
+  while (av_read_frame(in, packet) >= 0) {
+    AVStream *stream = out->streams[packet->stream_index];
+    const AVRational unit = in->streams[packet->stream_index]->time_base;
+    const bool sound = stream->codecpar->codec_type == AVMEDIA_TYPE_AUDIO;
+    const int64_t shift = (int64_t)(fmax(sound ? later : -later, 0) / av_q2d(unit));
+    if (*cut == 0 && (double)packet->dts * av_q2d(unit) > until) {
+      avio_flush(out->pb);
+      *cut = avio_tell(out->pb);
+    }
+    packet->pts += shift, packet->dts += shift;
+    packet->pos = -1;
+    av_packet_rescale_ts(packet, unit, stream->time_base);
+    assert_true(av_write_frame(out, packet) >= 0);
+  }
+  assert_true(av_write_trailer(out) >= 0);
+  avio_closep(&out->pb);
+  avformat_free_context(out);
+  avformat_close_input(&in);
+  av_packet_free(&packet);
+  av_dict_free(&options);
+}
+
+/* 4 s of grey and of sound that begins with a click. */
+static void write_clicks(const char *path) {
+  enum { SIDE = 32, RATE = 16000, SECONDS = 4 };
+  static int16_t samples[SECONDS * RATE];
+  static uint8_t rgba[SIDE * SIDE * 4];
+  ern_video_options options = ern_video_options_default(SIDE, SIDE);
+  ern_video_writer *writer = NULL;
+  for (int i = 0; i < SECONDS * RATE; i++) samples[i] = (int16_t)(i < RATE / 10 ? (i % 40 < 20 ? 12000 : -12000) : 0);
+  options.sound = &(ern_sound){.rate = RATE, .channels = 1, .frames = SECONDS * RATE, .data = samples};
+  support_ok(context, ern_video_writer_open(context, path, &options, &writer));
+  for (int k = 0; k < 25 * SECONDS; k++) {
+    for (size_t i = 0; i < sizeof rgba; i++) rgba[i] = (uint8_t)(rand() % 256); /* so that no packet is tiny */
+    support_ok(context, ern_video_writer_frame(writer, rgba));
+  }
+  support_ok(context, ern_video_writer_close(&writer));
+}
+
+/* Seconds from the first picture to the first loud sample, as a player shows them. */
+static double click_after_picture(const char *path) {
+  ern_video_reader *reader = NULL;
+  ern_video_info info;
+  ern_image image = {0};
+  ern_sound sound = {0};
+  double first = 0;
+  bool end = true;
+  size_t i = 0;
+  support_ok(context, ern_video_reader_open(context, path, &reader));
+  ern_video_reader_info(reader, &info);
+  support_ok(context, ern_video_reader_frame(reader, &image, &first, &end));
+  support_ok(context, ern_sound_read(context, path, &sound));
+  while (i < sound.frames && abs(sound.data[i]) < 3000) i++;
+  const double click = info.start + (double)i / sound.rate;
+  ern_image_free(context, &image);
+  ern_video_reader_free(&reader);
+  ern_sound_free(context, &sound);
+  return click - first;
+}
+
+/* Sound that begins after the picture, or before it, keeps its time. */
+static void test_sound_and_picture_in_step(void **state) {
+  (void)state;
+  static const double later[] = {0, 1, 0.3, -0.3};
+  int64_t cut = 0;
+  write_clicks("clicks.mp4");
+  for (size_t i = 0; i < sizeof later / sizeof *later; i++) {
+    remux("clicks.mp4", "shifted.mp4", later[i], 0, &cut);
+    const double found = click_after_picture("shifted.mp4");
+    if (fabs(found - later[i]) > 0.01) fail_msg("sound %g s later: its click is %g s later", later[i], found);
+  }
+}
+
+/* A file that ends between two packets, its header first, is read up to there, with a warning for each stream. */
+static void test_cut_between_packets(void **state) {
+  (void)state;
+  uint8_t *bytes = NULL;
+  size_t count = 0;
+  int64_t cut = 0;
+  ern_video_reader *reader = NULL;
+  ern_image image = {0};
+  ern_sound sound = {0};
+  double seconds = 0;
+  bool end = false;
+  write_clicks("clicks.mp4");
+  remux("clicks.mp4", "whole.mp4", 0, 2, &cut);
+  support_ok(context, ern_file_read(context, "whole.mp4", 1 << 24, &bytes, &count));
+  assert_true(cut > 100000 && (size_t)cut < count);
+  for (int whole = 0; whole < 2; whole++) {
+    support_write("cut.mp4", bytes, whole ? count : (size_t)cut);
+    end = false;
+    warned[0] = 0;
+    support_ok(context, ern_video_reader_open(context, "cut.mp4", &reader));
+    while (!end) support_ok(context, ern_video_reader_frame(reader, &image, &seconds, &end));
+    ern_video_reader_free(&reader);
+    if ((strstr(warned, "cut.mp4: may be cut short: its video ends at 2.") == NULL) != whole) fail_msg("%s", warned);
+    warned[0] = 0;
+    support_ok(context, ern_sound_read(context, "cut.mp4", &sound));
+    ern_sound_free(context, &sound);
+    if ((strstr(warned, "its sound ends at 2.") == NULL) != whole) fail_msg("%s", warned);
+    if (!whole) assert_non_null(strstr(warned, "of the 4.00 s that its header promises"));
+  }
+  ern_image_free(context, &image);
+  ern_release(context, bytes);
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test(test_display_matrix),
+      cmocka_unit_test(test_sound_and_picture_in_step),
+      cmocka_unit_test(test_cut_between_packets),
+  };
+  return cmocka_run_group_tests_name("video_read", tests, set_up, tear_down);
+}
