@@ -26,7 +26,7 @@ model=$(sha256sum < person/portrait.safetensors)
 "$dub" person.mp4 truth/aud.wav -o own.mp4 --minutes 0.1 --size 128
 [ "$model" = "$(sha256sum < person/portrait.safetensors)" ] || fail "the head was trained again"
 ! cmp -s new.mp4 own.mp4 || fail "the words are the same"
-sed -i '/^--head-only /d' person/portrait.txt # as of tools/portrait with a torso
+sed -i '/^--head-only \|^--for /d' person/portrait.txt # as of tools/portrait with a torso
 "$dub" person.mp4 other/aud.wav -o cut.mp4 --rest cut
 [ "$model" = "$(sha256sum < person/portrait.safetensors)" ] || fail "a finished portrait was trained again"
 [ "$(stat -c %s cut.mp4)" -lt "$(stat -c %s new.mp4)" ] || fail "--rest cut is as long as the video"
