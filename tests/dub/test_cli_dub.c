@@ -1,6 +1,8 @@
 /* SPDX-License-Identifier: MIT
  * `ernerf dub` on a made-up clip with its video: size, rate, length and sound of the output, which is the recorded
  * video outside the lower face; and what is refused. The record of `ernerf prepare` is written here. */
+#include <time.h>
+
 #include "e2e/cli.h"
 
 #include "ernerf/media.h"
@@ -253,6 +255,39 @@ static void test_part(void **state) {
 #undef PART_DUB
 }
 
+static void write_black(const char *path) {
+  static const uint8_t rgba[SIDE * SIDE * 4];
+  ern_context *context = support_context();
+  const ern_video_options options = ern_video_options_default(SIDE, SIDE);
+  ern_video_writer *writer = NULL;
+  support_ok(context, ern_video_writer_open(context, path, &options, &writer));
+  for (int k = 0; k < FRAMES; k++) support_ok(context, ern_video_writer_frame(writer, rgba));
+  support_ok(context, ern_video_writer_close(&writer));
+  ern_context_free(&context);
+}
+
+/* A video that gets another's name while the program starts: the prepared one is dubbed, or none. */
+static void test_replaced(void **state) {
+  (void)state;
+  write_record(NULL, 0, 0);
+  write_black("black.mp4");
+  for (int tenths = 0; tenths < 4; tenths++) {
+    char command[256];
+    support_clear("moved.mp4");
+    support_clear("moved_out.mp4");
+    snprintf(command, sizeof command,
+             "cp clip.mp4 moved.mp4; cp black.mp4 next.mp4; { sleep 0.%d; mv next.mp4 moved.mp4; } &", tenths);
+    assert_int_equal(system(command), 0);
+    cli_run(&cli, "dub h.safetensors moved.mp4 --clip clip --audio clip/aud.wav -o moved_out.mp4 -y --quiet");
+    if (cli_there("moved_out.mp4"))
+      assert_int_equal(compare("moved_out.mp4", 25, 0), FRAMES);
+    else
+      cli_expect(&cli, 1, "moved.mp4: is not the video of clip", NULL);
+    for (int i = 0; i < 1000 && cli_there("next.mp4"); i++)
+      (void)nanosleep(&(struct timespec){.tv_nsec = 1000000}, NULL);
+  }
+}
+
 static void test_refused(void **state) {
   (void)state;
 #define DUB "dub h.safetensors clip.mp4 --clip clip --audio "
@@ -283,9 +318,9 @@ static void test_refused(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_dub),     cmocka_unit_test(test_for_dub),
-                                     cmocka_unit_test(test_eval),    cmocka_unit_test(test_longer),
-                                     cmocka_unit_test(test_shorter), cmocka_unit_test(test_part),
-                                     cmocka_unit_test(test_refused)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_dub),     cmocka_unit_test(test_replaced),
+                                     cmocka_unit_test(test_for_dub), cmocka_unit_test(test_eval),
+                                     cmocka_unit_test(test_longer),  cmocka_unit_test(test_shorter),
+                                     cmocka_unit_test(test_part),    cmocka_unit_test(test_refused)};
   return cmocka_run_group_tests(tests, make_all, NULL);
 }

@@ -129,9 +129,10 @@ int recorded_video_open(struct recorded_video *video, struct session *session, c
   video->from = json_number_value(from);
   if (!json_is_object(crop) || !json_is_number(from) || !(video->from >= 0) || !(video->from < 1e9))
     status = fail_record(session, record, "has no \"crop\", or no \"from\" of its source");
-  if (status == 0) status = check_same(video, session, clip, root, crop);
   if (status == 0 && ern_video_reader_open(session->context, path, &video->reader) != ERN_OK)
     status = session_fail(session);
+  /* the file that is open, not one that takes its name later, is the one whose hash is known */
+  if (status == 0) status = check_same(video, session, clip, root, crop);
   if (status == 0) {
     ern_video_reader_info(video->reader, &video->info);
     status = read_square(video, session, record, crop);
