@@ -162,7 +162,8 @@ status=0; wait $program || status=$?
 refused 0 $status "error: eyes" "error: play: gone.wav: No such file" "error: play: clip/bc.jpg" "error: play: clip: Is a directory" "error: play: /dev/zero: is a device" "error: the line has a byte of 0" "\"quit now\" is not known" "^ok 2$" '"readers":2' "\"nonsense\" is not known" \
   '"speaking":1,"queued":0' '"speaking":null,"queued":0'
 [ "$(grep -c '^ok$' err.txt)" = 4 ] || fail "answers: $(cat err.txt)"
-{ echo "say hello"; sleep 1; echo quit; } | TMPDIR=$PWD/gone live --control - -o said.rgba 2> err.txt
+: > err.txt
+{ echo "say hello"; for _ in $(seq 600); do grep -q '^failed 1$' err.txt && break; sleep 0.1; done; echo quit; } | TMPDIR=$PWD/gone live --control - -o said.rgba 2> err.txt
 grep -q "^failed 1$" err.txt || fail "say without a TMPDIR: $(cat err.txt)"
 grep -q "gone/ernerf-say-.*TMPDIR.*No such file" err.txt || fail "say without a TMPDIR: $(cat err.txt)"
 echo mine > mine.sock
