@@ -108,13 +108,12 @@ cv::Mat head_recorded(const ern_dub_input &in, const face &f) {
   return there;
 }
 
-/* The rendered head in the box: RGBA. */
-cv::Mat head_rendered(const ern_dub_input &in, const face &f) {
-  const cv::Mat head(in.head_height, in.head_width, CV_8UC4, const_cast<uint8_t *>(in.head));
+/* A picture in the pixels of the rendered head, in the pixels of the box. */
+cv::Mat in_box(const cv::Mat &picture, const ern_dub_input &in, const face &f, int interpolation) {
   const double sx = in.head_scale[0], sy = in.head_scale[1];
   const cv::Matx23d where(sx, 0, 0.5 * sx - 0.5, 0, sy, 0.5 * sy - 0.5); /* pixels' centres */
   cv::Mat out;
-  cv::warpAffine(head, out, where, f.box.size(), cv::INTER_CUBIC | cv::WARP_INVERSE_MAP, cv::BORDER_REPLICATE);
+  cv::warpAffine(picture, out, where, f.box.size(), interpolation | cv::WARP_INVERSE_MAP, cv::BORDER_REPLICATE);
   return out;
 }
 
@@ -141,21 +140,25 @@ cv::Mat mask_of(const face &f, const cv::Mat &head) {
 }
 
 /* The head's colours where it is certain to be, continued outwards by normalised blurs of growing width; `there`
- * becomes 1 where there is a colour. */
-cv::Mat continue_colours(const cv::Mat &colour, const cv::Mat &sure, float width, cv::Mat &there) {
-  cv::Mat known = sure.clone(), weight3, known3, masked;
+ * becomes 255 where there is a colour. All in the head's pixels, of which the face is `width` wide. */
+cv::Mat continue_colours(const cv::Mat &head, const cv::Mat &opacity, float width, cv::Mat &there) {
+  cv::Mat sure, colour, weight3, masked, out;
+  cv::erode(opacity > 255 * sure_opacity, there, disc(0.02F * width));
+  there.convertTo(sure, CV_32F, 1 / 255.0);
+  cv::cvtColor(head, colour, cv::COLOR_RGBA2RGB);
+  colour.convertTo(colour, CV_32F);
   cv::merge(std::vector<cv::Mat>(3, sure), weight3);
   masked = colour.mul(weight3);
-  cv::Mat out = masked.clone();
+  out = masked.clone();
   for (float deviation = 0.01F; deviation < 0.2F; deviation *= 2) {
     const cv::Mat weight = low_pass(sure, deviation * width);
-    cv::Mat blurred = low_pass(masked, deviation * width), use = (known < 0.5) & (weight > 0.08);
+    cv::Mat blurred = low_pass(masked, deviation * width), use = (there == 0) & (weight > 0.08);
     cv::merge(std::vector<cv::Mat>(3, cv::max(weight, 1e-6)), weight3);
     cv::divide(blurred, weight3, blurred);
     blurred.copyTo(out, use);
-    known.setTo(1, use);
+    there.setTo(255, use);
   }
-  there = known;
+  out.convertTo(out, CV_8U);
   return out;
 }
 
@@ -171,24 +174,25 @@ void match(cv::Mat &colour, const cv::Mat &recorded, const cv::Mat &ring, float 
 
 bool compose(const ern_dub_input &in, uint8_t *rgba) {
   const face f = face_of(in);
-  cv::Mat frame = cv::Mat(in.height, in.width, CV_8UC4, rgba)(f.box), recorded, head, opacity, sure, there, ring;
-  const cv::Mat drawn = head_rendered(in, f);
-  const cv::Mat head_there = head_recorded(in, f), mask = mask_of(f, head_there);
-  cv::cvtColor(frame, recorded, cv::COLOR_RGBA2RGB);
-  cv::cvtColor(drawn, head, cv::COLOR_RGBA2RGB);
-  cv::extractChannel(drawn, opacity, 3);
-  const cv::Mat inner = mask >= 128;
+  const cv::Mat head(in.head_height, in.head_width, CV_8UC4, const_cast<uint8_t *>(in.head));
+  cv::Mat frame = cv::Mat(in.height, in.width, CV_8UC4, rgba)(f.box), recorded, opacity, there, colour, ring;
+  const cv::Mat head_there = head_recorded(in, f), mask = mask_of(f, head_there), inner = mask >= 128;
   const int wanted = cv::countNonZero(inner);
-  if (wanted == 0 || (float)cv::countNonZero(inner & (opacity >= 128)) < least_cover * (float)wanted) return false;
+  cv::extractChannel(head, opacity, 3);
+  const auto covers = [&](const cv::Mat &picture) {
+    return (float)cv::countNonZero(inner & (in_box(picture, in, f, cv::INTER_LINEAR) >= 128)) >=
+           least_cover * (float)wanted;
+  };
+  if (wanted == 0 || !covers(opacity)) return false;
+  const cv::Mat continued = continue_colours(head, opacity, f.width * in.head_scale[0], there);
+  if (!covers(there)) return false;
+  there = in_box(there, in, f, cv::INTER_LINEAR) >= 128;
 
-  cv::erode(opacity > 255 * sure_opacity, sure, disc(0.02F * f.width));
-  sure.convertTo(sure, CV_32F, 1 / 255.0);
+  cv::cvtColor(frame, recorded, cv::COLOR_RGBA2RGB);
   recorded.convertTo(recorded, CV_32F);
-  head.convertTo(head, CV_32F);
-  cv::Mat colour = continue_colours(head, sure, f.width, there);
-  if ((float)cv::countNonZero(inner & (there > 0.5)) < least_cover * (float)wanted) return false;
-  recorded.copyTo(colour, there < 0.5);
-  cv::Mat((mask >= ring_low) & (mask <= ring_high) & head_there & (there > 0.5)).convertTo(ring, CV_32F, 1 / 255.0);
+  in_box(continued, in, f, cv::INTER_CUBIC).convertTo(colour, CV_32F);
+  recorded.copyTo(colour, ~there);
+  cv::Mat((mask >= ring_low) & (mask <= ring_high) & head_there & there).convertTo(ring, CV_32F, 1 / 255.0);
   match(colour, recorded, ring, f.width);
 
   cv::Mat share, share3;

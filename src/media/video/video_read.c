@@ -274,7 +274,8 @@ static ern_status decode(ern_video_reader *reader, double *seconds, bool *end) {
   if (frame->best_effort_timestamp == AV_NOPTS_VALUE)
     ERN_TRY(ern_fail(reader->context, ERN_E_FORMAT, "%s: a frame has no time", reader->decoder.path));
   note_time(reader, frame);
-  *seconds = (double)frame->best_effort_timestamp * av_q2d(reader->decoder.stream->time_base);
+  const AVRational unit = reader->decoder.stream->time_base;
+  *seconds = (double)frame->best_effort_timestamp * unit.num / unit.den; /* rounded once where num is 1 */
 fail:
   return status;
 }

@@ -149,7 +149,8 @@ bool dubbed_add(struct dubbed *d, const struct source_frame *source, const float
     for (int y = box.top > 1 ? box.top : 1; y < box.bottom && y < d->height - 1; y++)
       for (int x = box.left > 1 ? box.left : 1; x < box.right && x < d->width - 1; x++)
         if (in_band(frame, most, x, y))
-          add_pixel(d, grey, rgb, (size_t)y * (size_t)d->width + (size_t)x, source->pose.img_id == d->before_id + 1);
+          add_pixel(d, grey, rgb, (size_t)y * (size_t)d->width + (size_t)x,
+                    d->before_id >= 0 && source->pose.img_id == d->before_id + 1);
   }
   memcpy(d->grey[0], made, 2 * pixels * sizeof *made);
   d->before_id = source->pose.img_id;
