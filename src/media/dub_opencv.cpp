@@ -34,9 +34,14 @@ struct face {
   float width;
 };
 
-cv::Mat disc(float radius) {
-  const int r = std::max(1, (int)std::lround(radius));
-  return cv::getStructuringElement(cv::MORPH_ELLIPSE, cv::Size(2 * r + 1, 2 * r + 1));
+/* The region eroded by a disc; its radius is rounded, at least 1 pixel, and the picture's border is no outside. */
+cv::Mat eroded(const cv::Mat &depth, float radius) { return depth > std::max(1.0F, std::round(radius)) + 0.5F; }
+
+/* Pixels from the nearest one outside of the region. */
+cv::Mat depth_of(const cv::Mat &region) {
+  cv::Mat depth;
+  cv::distanceTransform(region, depth, cv::DIST_L2, cv::DIST_MASK_5);
+  return depth;
 }
 
 /* A Gaussian blur; a wide one at a smaller size, which costs less and looks the same. */
@@ -101,11 +106,13 @@ void fill_hull(cv::Mat &mask, const std::vector<cv::Point2f> &points) {
 cv::Mat head_recorded(const ern_dub_input &in, const face &f) {
   if (in.recorded_head == nullptr) return cv::Mat(f.box.size(), CV_8U, cv::Scalar(255));
   const ern_image &head = *in.recorded_head;
+  const double sx = (double)head.width / in.square[2], sy = (double)head.height / in.square[3];
+  const cv::Matx23d where(sx, 0, sx * (f.box.x - in.square[0] + 0.5) - 0.5, /* pixels' centres */
+                          0, sy, sy * (f.box.y - in.square[1] + 0.5) - 0.5);
   cv::Mat there;
-  cv::resize(cv::Mat(head.height, head.width, CV_8U, head.data), there, cv::Size(in.square[2], in.square[3]), 0, 0,
-             cv::INTER_LINEAR);
-  cv::threshold(there(f.box - cv::Point(in.square[0], in.square[1])), there, 127, 255, cv::THRESH_BINARY);
-  return there;
+  cv::warpAffine(cv::Mat(head.height, head.width, CV_8U, head.data), there, where, f.box.size(),
+                 cv::INTER_LINEAR | cv::WARP_INVERSE_MAP, cv::BORDER_REPLICATE);
+  return there > 127;
 }
 
 /* A picture in the pixels of the rendered head, in the pixels of the box. */
@@ -120,22 +127,23 @@ cv::Mat in_box(const cv::Mat &picture, const ern_dub_input &in, const face &f, i
 /* 0..255: the lower face inside the jaw and the recorded mouth, inside the recorded head, with a soft edge. */
 cv::Mat mask_of(const face &f, const cv::Mat &head) {
   const std::vector<cv::Point2f> &at = f.landmarks;
-  cv::Mat lower = cv::Mat::zeros(f.box.size(), CV_8U), mouth = lower.clone(), inside, edge;
+  cv::Mat lower = cv::Mat::zeros(f.box.size(), CV_8U), mouth = lower.clone(), edge;
   std::vector<cv::Point2f> outline(at.begin() + JAW_RIGHT, at.begin() + JAW_LEFT + 1), lips;
   outline.push_back(0.5F * (at[JAW_LEFT] + at[NOSE]));
   outline.push_back(at[NOSE]);
   outline.push_back(0.5F * (at[JAW_RIGHT] + at[NOSE]));
   fill_hull(lower, outline);
-  cv::erode(lower, lower, disc(inside_jaw * f.width), cv::Point(-1, -1), 1, cv::BORDER_CONSTANT, cv::Scalar(0));
+  cv::rectangle(lower, cv::Rect(cv::Point(0, 0), lower.size()),
+                cv::Scalar(0)); /* the box may end at the square's edge */
+  lower = eroded(depth_of(lower), inside_jaw * f.width);
   cv::Point2f middle(0, 0);
   for (int i = LIPS; i < LIPS_END; i++) middle += at[(size_t)i] * (1.0F / (LIPS_END - LIPS));
   for (int i = LIPS; i < LIPS_END; i++) lips.push_back(middle + mouth_growth * (at[(size_t)i] - middle));
   fill_hull(mouth, lips);
-  cv::erode(head, inside, disc(0.02F * f.width));
-  cv::bitwise_and(mouth, inside, mouth);
-  cv::Mat mask = low_pass(lower | mouth, feather * f.width);
-  cv::erode(head, inside, disc(0.015F * f.width));
-  low_pass(inside, 0.012F * f.width).convertTo(edge, CV_8U, 2, -255);
+  const cv::Mat depth = depth_of(head);
+  cv::bitwise_and(mouth, eroded(depth, 0.02F * f.width), mouth);
+  const cv::Mat mask = low_pass(lower | mouth, feather * f.width);
+  low_pass(eroded(depth, 0.015F * f.width), 0.012F * f.width).convertTo(edge, CV_8U, 2, -255);
   return cv::min(mask, edge);
 }
 
@@ -143,7 +151,7 @@ cv::Mat mask_of(const face &f, const cv::Mat &head) {
  * becomes 255 where there is a colour. All in the head's pixels, of which the face is `width` wide. */
 cv::Mat continue_colours(const cv::Mat &head, const cv::Mat &opacity, float width, cv::Mat &there) {
   cv::Mat sure, colour, weight3, masked, out;
-  cv::erode(opacity > 255 * sure_opacity, there, disc(0.02F * width));
+  there = eroded(depth_of(opacity > 255 * sure_opacity), 0.02F * width);
   there.convertTo(sure, CV_32F, 1 / 255.0);
   cv::cvtColor(head, colour, cv::COLOR_RGBA2RGB);
   colour.convertTo(colour, CV_32F);
