@@ -295,6 +295,43 @@ class Context(_Object):
         """The built-in speech features of a sound file, float32 [windows, 16, 13]."""
         return self._features_of(self._media.ern_speech_features, _path(path, "path"), _real(warp, "warp"))
 
+    def dub_box(self, width, height, landmarks, square=None):
+        """x, y, width and height of the part of a frame that dub_frame may draw on; width 0: none.
+
+        landmarks: float32 [68, 2], in shares of the square. square: x, y, width, height in the frame, pixels; None: all
+        of it.
+        """
+        given = _dub_input(width, height, landmarks, square)
+        self._call(self._media.ern_dub_box_sized, self, ctypes.byref(given), ctypes.sizeof(given), given.box)
+        return tuple(given.box)
+
+    def dub_frame(self, recorded, head, landmarks, *, square=None, head_scale=(1.0, 1.0), recorded_head=None):
+        """A recorded frame with the rendered lower face in it, uint8 [height, width, 3], and whether anything is drawn.
+
+        recorded: uint8 [height, width, 3]. landmarks, square: of dub_box. head: uint8 [any, any, 4], rendered for the
+        box of dub_box, its alpha the "opacity" of Renderer.frame; None where that box is empty. head_scale: pixels of
+        `head` a pixel of the frame, across and down. recorded_head: uint8 [any, any] of the square, 255 where the
+        recorded head is (Clip.head), or None.
+        """
+        recorded = _array(recorded, "recorded", np.uint8, None, None, 3)
+        height, width = recorded.shape[:2]
+        given = _dub_input(width, height, landmarks, square)
+        given.recorded = _pointer(recorded)
+        given.box[:] = self.dub_box(width, height, landmarks, square)
+        across, down = head_scale
+        given.head_scale[:] = _real(across, "head_scale"), _real(down, "head_scale")
+        if head is not None:
+            head = _array(head, "head", np.uint8, None, None, 4)
+            given.head, (given.head_height, given.head_width) = _pointer(head), head.shape[:2]
+        if recorded_head is not None:
+            recorded_head = _array(recorded_head, "recorded_head", np.uint8, None, None)
+            there = _c.Image(recorded_head.shape[1], recorded_head.shape[0], 1, _pointer(recorded_head))
+            given.recorded_head = ctypes.pointer(there)
+        rgba, drawn = np.empty((height, width, 4), np.uint8), ctypes.c_bool()
+        self._call(self._media.ern_dub_frame_sized, self, ctypes.byref(given), ctypes.sizeof(given), _pointer(rgba),
+                   ctypes.byref(drawn))
+        return rgba[..., :3], drawn.value
+
     def poses(self, path):
         """The Poses of a transforms file."""
         poses = _c.PoseList()
@@ -334,6 +371,16 @@ def _features_struct(array, name):
     array = _array(array, name, np.float32, None, None, None)
     windows, length, width = array.shape
     return _c.Features(_pointer(array), windows, length, width), array
+
+
+def _dub_input(width, height, landmarks, square):
+    given = _c.DubInput(width=_integer(width, "width", ctypes.c_int), height=_integer(height, "height", ctypes.c_int))
+    square = (0, 0, width, height) if square is None else tuple(square)
+    if len(square) != 4:
+        raise ValueError(f"square has {len(square)} numbers, expected 4: x, y, width, height")
+    given.square[:] = [_integer(side, "square", ctypes.c_int) for side in square]
+    ctypes.memmove(given.landmarks, _array(landmarks, "landmarks", np.float32, 68, 2).ctypes.data, 68 * 2 * 4)
+    return given
 
 
 class Backend(_Object):
@@ -488,6 +535,12 @@ class Clip(_Object):
         return tuple(  # the clip uses the memory again for the next frame
             np.array(np.ctypeslib.as_array(image.data, (image.height, image.width, image.channels)))
             if image.data else None for image in images)
+
+    def head(self, split, index):
+        """255 where the head of a frame is, 0 where it is not, else unknown, uint8 [height, width]; None: not known."""
+        image = _c.Image()
+        self._context._call(self._media.ern_clip_head, self, Split(split), _integer(index, "index"), ctypes.byref(image))
+        return np.array(np.ctypeslib.as_array(image.data, (image.height, image.width))) if image.data else None
 
 
 class Trainer(_Object):

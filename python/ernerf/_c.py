@@ -231,6 +231,12 @@ class ClipFrame(Structure):
     _fields_ = [("pose", Pose), ("eye", c_float), ("has_landmarks", c_bool), ("landmarks", c_float * 2 * 68)]
 
 
+class DubInput(Structure):
+    _fields_ = [("recorded", POINTER(c_uint8)), ("width", c_int), ("height", c_int), ("square", c_int * 4),
+                ("landmarks", c_float * 2 * 68), ("recorded_head", POINTER(Image)), ("box", c_int * 4),
+                ("head", POINTER(c_uint8)), ("head_width", c_int), ("head_height", c_int), ("head_scale", c_float * 2)]
+
+
 # Result and arguments. A function that returns a Status raises ernerf.Error (ernerf.Context._call).
 OBJECT = c_void_p
 OUT = POINTER(c_void_p)
@@ -283,6 +289,8 @@ MEDIA = {
     "ern_clip_head": (Status, OBJECT, ENUM, c_size_t, POINTER(Image)),
     "ern_clip_pixels": (Status, OBJECT, ENUM, c_size_t, POINTER(Image), POINTER(Image)),
     "ern_clip_dataset_sized": (None, OBJECT, POINTER(Dataset), c_size_t),
+    "ern_dub_box_sized": (Status, OBJECT, POINTER(DubInput), c_size_t, POINTER(c_int)),
+    "ern_dub_frame_sized": (Status, OBJECT, POINTER(DubInput), c_size_t, POINTER(c_uint8), POINTER(c_bool)),
     "ern_speech_features": (Status, OBJECT, c_char_p, c_float, POINTER(Features)),
 }
 

@@ -129,6 +129,37 @@ class Module(unittest.TestCase):
         self.assertEqual(torso.shape, (clip.view.height, clip.view.width, 4))
         self.assertEqual(clip.background.shape, first.shape)
 
+    def test_dub(self):
+        clip = ernerf.Clip(self.context, "clip")
+        recorded, _ = clip.pixels(0, 0)
+        height, width = recorded.shape[:2]
+        landmarks = clip.frame(0, 0).landmarks / np.float32([width, height])
+        x, y, wide, tall = self.context.dub_box(width, height, landmarks)
+        self.assertTrue(0 <= x < x + wide <= width and 0 <= y < y + tall <= height and wide > 8)
+        head = np.full((tall, wide, 4), (200, 20, 20, 255), np.uint8)
+        dubbed, drawn = self.context.dub_frame(recorded, head, landmarks, recorded_head=clip.head(0, 0))
+        self.assertTrue(drawn and dubbed.shape == recorded.shape)
+        changed = np.argwhere((dubbed != recorded).any(axis=2))
+        self.assertGreater(len(changed), 50)
+        self.assertTrue((changed >= (y, x)).all() and (changed < (y + tall, x + wide)).all())
+        row, column = (landmarks[48:60].mean(axis=0) * (width, height)).astype(int)[::-1]
+        self.assertTrue((abs(dubbed[row, column].astype(int) - (200, 20, 20)) <= 16).all())  # the match of colours: 15
+        head[..., 3] = 0
+        same, drawn = self.context.dub_frame(recorded, head, landmarks)
+        np.testing.assert_array_equal(same, recorded)
+        self.assertFalse(drawn)
+        wide_frame = np.pad(recorded, ((0, 0), (10, 6), (0, 0)))
+        head[..., 3] = 255
+        moved, _ = self.context.dub_frame(wide_frame, head, landmarks, square=(10, 0, width, height),
+                                          recorded_head=clip.head(0, 0))
+        np.testing.assert_array_equal(moved[:, 10:10 + width], dubbed)
+        with self.says(ValueError, "square has 3 numbers, expected 4"):
+            self.context.dub_box(width, height, landmarks, (0, 0, 4))
+        with self.says(ernerf.Error, "square"):
+            self.context.dub_box(width, height, landmarks, (1, 0, width, height))
+        with self.says(ernerf.Error, "head is NULL"):
+            self.context.dub_frame(recorded, None, landmarks)
+
     def test_run(self):
         seen = []
 
