@@ -399,8 +399,9 @@ int cmd_eval(int argc, char **argv) {
           "eval MODEL CLIP [--split val] [--json FILE.json]\n"
           "eval MODEL CLIP --setting synchronization --audio SOUND",
       .notes =
-          "A head is rendered over the clip's torso pictures, head and torso over the background. Summaries are\n"
-          "means of the frames' values. head: box of the 68 landmarks; mouth: square around landmarks 48..59.\n"
+          "A head is rendered over the clip's torso pictures, with --torso model head and torso over the background.\n"
+          "Summaries are means of the frames' values. head: box of the 68 landmarks; mouth: square around landmarks "
+          "48..59.\n"
           "Frames a second count rendering to 8-bit pixels, without reading, comparing and encoding.",
       .public_names = true,
       .words = words,
