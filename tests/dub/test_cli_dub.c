@@ -24,7 +24,7 @@ static void write_record(const char *hash, double from, int x) {
              i > 0 ? ", " : "", steps[i]);
   const int bytes = snprintf(
       text, sizeof text,
-      "{\"version\": 2, \"video\": \"clip.mp4\", \"source\": {\"bytes\": %lld, \"from\": %.1f}, \"frames\": %d,"
+      "{\"version\": 2, \"video\": \"clip.mp4\", \"source\": {\"bytes\": %lld, \"from\": %.2f}, \"frames\": %d,"
       " \"steps\": {%s}, \"crop\": {\"x\": %d, \"y\": 0, \"width\": %d, \"side\": %d, \"sha256\": \"%s\"}}",
       (long long)about.st_size, from, FRAMES, done, x, SIDE, SIDE, hash != NULL ? hash : own);
   cli_replace("clip/prepare.json", text, (size_t)bytes);
@@ -255,28 +255,50 @@ static void test_part(void **state) {
 #undef PART_DUB
 }
 
-static void write_black(const char *path) {
-  static const uint8_t rgba[SIDE * SIDE * 4];
+/* Frame k is grey, 15 k. */
+static void write_grey(const char *path) {
+  static uint8_t rgba[SIDE * SIDE * 4];
   ern_context *context = support_context();
   const ern_video_options options = ern_video_options_default(SIDE, SIDE);
   ern_video_writer *writer = NULL;
   support_ok(context, ern_video_writer_open(context, path, &options, &writer));
-  for (int k = 0; k < FRAMES; k++) support_ok(context, ern_video_writer_frame(writer, rgba));
+  for (int k = 0; k < FRAMES; k++) {
+    memset(rgba, 15 * k, sizeof rgba);
+    support_ok(context, ern_video_writer_frame(writer, rgba));
+  }
   support_ok(context, ern_video_writer_close(&writer));
   ern_context_free(&context);
+}
+
+/* A clip that begins between two recorded frames: its frames are the nearest ones, as `prepare` chooses them. */
+static void test_between(void **state) {
+  (void)state;
+  static uint8_t top[SIDE * SIDE / 4 * 3];
+  ern_context *context = support_context();
+  char hash[65];
+  write_grey("steps.mp4");
+  support_ok(context, ern_file_sha256(context, "steps.mp4", hash));
+  ern_context_free(&context);
+  write_record(hash, 0.03, 0);
+  cli_run(&cli, "dub h.safetensors steps.mp4 --clip clip --audio shorter/aud.wav -o between.mp4 --rest cut -y --quiet");
+  cli_expect(&cli, 0, NULL);
+  for (int k = 0; k < SHORTER; k++) {
+    read_top("between.mp4", k / 25.0, top);
+    assert_in_range(top[0], 15 * (k + 1) - 4, 15 * (k + 1) + 4);
+  }
 }
 
 /* A video that gets another's name while the program starts: the prepared one is dubbed, or none. */
 static void test_replaced(void **state) {
   (void)state;
   write_record(NULL, 0, 0);
-  write_black("black.mp4");
+  write_grey("grey.mp4");
   for (int tenths = 0; tenths < 4; tenths++) {
     char command[256];
     support_clear("moved.mp4");
     support_clear("moved_out.mp4");
     snprintf(command, sizeof command,
-             "cp clip.mp4 moved.mp4; cp black.mp4 next.mp4; { sleep 0.%d; mv next.mp4 moved.mp4; } &", tenths);
+             "cp clip.mp4 moved.mp4; cp grey.mp4 next.mp4; { sleep 0.%d; mv next.mp4 moved.mp4; } &", tenths);
     assert_int_equal(system(command), 0);
     cli_run(&cli, "dub h.safetensors moved.mp4 --clip clip --audio clip/aud.wav -o moved_out.mp4 -y --quiet");
     if (cli_there("moved_out.mp4"))
@@ -318,9 +340,9 @@ static void test_refused(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_dub),     cmocka_unit_test(test_replaced),
-                                     cmocka_unit_test(test_for_dub), cmocka_unit_test(test_eval),
-                                     cmocka_unit_test(test_longer),  cmocka_unit_test(test_shorter),
-                                     cmocka_unit_test(test_part),    cmocka_unit_test(test_refused)};
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test(test_dub),  cmocka_unit_test(test_replaced), cmocka_unit_test(test_for_dub),
+      cmocka_unit_test(test_eval), cmocka_unit_test(test_longer),   cmocka_unit_test(test_shorter),
+      cmocka_unit_test(test_part), cmocka_unit_test(test_between),  cmocka_unit_test(test_refused)};
   return cmocka_run_group_tests(tests, make_all, NULL);
 }
