@@ -145,6 +145,11 @@ static void test_eval(void **state) {
   assert_true(seam > 0.5 && seam < 1.5 && json_is_number(json_object_get(dubbed, "flicker")));
   assert_int_equal(json_integer_value(json_object_get(dubbed, "left")), 0);
   json_decref(all);
+  cli_run(&cli, "eval h.safetensors clip --compose dub --split all --asr_model cepstra --frames 0:1 --json one.json");
+  cli_expect(&cli, 0, NULL);
+  json_t *one = cli_json(&cli, "one.json");
+  assert_true(json_is_null(json_object_get(json_object_get(one, "dubbed"), "flicker"))); /* it is of two frames */
+  json_decref(one);
   cli_run(&cli, "eval h.safetensors clip --compose dub --refine-poses");
   cli_expect(&cli, 2, "--refine-poses is about frames that are rendered whole", NULL);
 }

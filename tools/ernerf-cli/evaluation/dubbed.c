@@ -20,7 +20,7 @@ int dubbed_open(struct dubbed *d, struct session *session, ern_clip *clip, const
                        .width = info.width,
                        .height = info.height,
                        .recorded_id = -1,
-                       .before_id = -1};
+                       .before_id = -2}; /* which no frame follows */
   const size_t pixels = (size_t)info.width * (size_t)info.height;
   if (!info.has_landmarks)
     return session_fail_with(session, "%s: has no landmarks (ori_imgs/ID.lms), which place the mouth", folder);
