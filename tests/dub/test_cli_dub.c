@@ -315,6 +315,20 @@ static void test_replaced(void **state) {
   }
 }
 
+/* A clip that lacks a frame: the poses after it would be those of other frames of the video. */
+static void test_frame_lacks(void **state) {
+  (void)state;
+  write_record(NULL, 0, 0);
+  assert_int_equal(system("rm -rf gap && cp -r clip gap"), 0);
+  json_t *train = cli_json(&cli, "gap/transforms_train.json");
+  assert_int_equal(json_array_remove(json_object_get(train, "frames"), 3), 0);
+  assert_int_equal(json_dump_file(train, "gap/transforms_train.json", 0), 0);
+  json_decref(train);
+  cli_run(&cli, "dub h.safetensors clip.mp4 --clip gap --audio clip/aud.wav -o no.mp4 --force");
+  cli_expect(&cli, 1, "gap: transforms_train.json and transforms_val.json: frame 3 has img_id 4, expected 3", NULL);
+  assert_false(cli_there("no.mp4"));
+}
+
 static void test_refused(void **state) {
   (void)state;
 #define DUB "dub h.safetensors clip.mp4 --clip clip --audio "
@@ -345,9 +359,10 @@ static void test_refused(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_dub),  cmocka_unit_test(test_replaced), cmocka_unit_test(test_for_dub),
-      cmocka_unit_test(test_eval), cmocka_unit_test(test_longer),   cmocka_unit_test(test_shorter),
-      cmocka_unit_test(test_part), cmocka_unit_test(test_between),  cmocka_unit_test(test_refused)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_dub),         cmocka_unit_test(test_replaced),
+                                     cmocka_unit_test(test_for_dub),     cmocka_unit_test(test_eval),
+                                     cmocka_unit_test(test_longer),      cmocka_unit_test(test_shorter),
+                                     cmocka_unit_test(test_part),        cmocka_unit_test(test_between),
+                                     cmocka_unit_test(test_frame_lacks), cmocka_unit_test(test_refused)};
   return cmocka_run_group_tests(tests, make_all, NULL);
 }
