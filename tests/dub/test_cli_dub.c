@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * `ernerf dub` on a made-up clip with its video: size, rate, length and sound of the output, which is the recorded
  * video outside the lower face; and what is refused. The record of `ernerf prepare` is written here. */
+#include <math.h>
 #include <time.h>
 
 #include "e2e/cli.h"
@@ -261,11 +262,12 @@ static void test_part(void **state) {
 }
 
 /* Frame k is grey, 15 k. */
-static void write_grey(const char *path) {
+static void write_grey(const char *path, double pixel_aspect) {
   static uint8_t rgba[SIDE * SIDE * 4];
   ern_context *context = support_context();
-  const ern_video_options options = ern_video_options_default(SIDE, SIDE);
+  ern_video_options options = ern_video_options_default(SIDE, SIDE);
   ern_video_writer *writer = NULL;
+  options.pixel_aspect = pixel_aspect;
   support_ok(context, ern_video_writer_open(context, path, &options, &writer));
   for (int k = 0; k < FRAMES; k++) {
     memset(rgba, 15 * k, sizeof rgba);
@@ -275,15 +277,17 @@ static void write_grey(const char *path) {
   ern_context_free(&context);
 }
 
-/* A clip that begins between two recorded frames: its frames are the nearest ones, as `prepare` chooses them. */
+/* A clip that begins between two recorded frames: its frames are the nearest ones, as `prepare` chooses them. The
+ * output's pixels have the shape of the video's. */
 static void test_between(void **state) {
   (void)state;
   static uint8_t top[SIDE * SIDE / 4 * 3];
   ern_context *context = support_context();
+  ern_video_reader *reader = NULL;
+  ern_video_info info;
   char hash[65];
-  write_grey("steps.mp4");
+  write_grey("steps.mp4", 4.0 / 3);
   support_ok(context, ern_file_sha256(context, "steps.mp4", hash));
-  ern_context_free(&context);
   write_record(hash, 0.03, 0);
   cli_run(&cli, "dub h.safetensors steps.mp4 --clip clip --audio shorter/aud.wav -o between.mp4 --rest cut -y --quiet");
   cli_expect(&cli, 0, NULL);
@@ -291,13 +295,18 @@ static void test_between(void **state) {
     read_top("between.mp4", k / 25.0, top);
     assert_in_range(top[0], 15 * (k + 1) - 4, 15 * (k + 1) + 4);
   }
+  support_ok(context, ern_video_reader_open(context, "between.mp4", &reader));
+  ern_video_reader_info(reader, &info);
+  assert_true(fabs(info.pixel_aspect - 4.0 / 3) < 1e-9);
+  ern_video_reader_free(&reader);
+  ern_context_free(&context);
 }
 
 /* A video that gets another's name while the program starts: the prepared one is dubbed, or none. */
 static void test_replaced(void **state) {
   (void)state;
   write_record(NULL, 0, 0);
-  write_grey("grey.mp4");
+  write_grey("grey.mp4", 1);
   for (int tenths = 0; tenths < 4; tenths++) {
     char command[256];
     support_clear("moved.mp4");

@@ -268,6 +268,7 @@ static int open_all(struct dub_job *job, const struct args *args) {
   if (status == 0) status = watermark_make(&job->watermark, session, info->width, info->height);
   if (status != 0) return status;
   choose_region(job);
+  job->sink.pixel_aspect = info->pixel_aspect;
   return sink_open(&job->sink, session, info->width, info->height, job->rate, &portrait->info,
                    job->spliced.data != NULL ? &job->spliced : &job->sound, frame_source_seconds(&job->frame_source, 0),
                    provenance_of(&job->provenance));
