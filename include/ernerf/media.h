@@ -182,7 +182,7 @@ static inline ern_video_options ern_video_options_default(int width, int height)
   return options;
 }
 
-/* A decoded frame of a video, in the file's pixel format. */
+/* A decoded frame of a video, in the file's pixel format. One thread at a time uses a frame; a clone is another. */
 typedef struct ern_video_frame ern_video_frame;
 
 /* By the name's ending, in any case: .mp4 .m4v (h264, hevc, vp9, av1), .mov (h264, hevc), .mkv (h264, hevc, vp9, av1,
