@@ -151,6 +151,13 @@ static void test_eval(void **state) {
   json_t *one = cli_json(&cli, "one.json");
   assert_true(json_is_null(json_object_get(json_object_get(one, "dubbed"), "flicker"))); /* it is of two frames */
   json_decref(one);
+  cli_run(&cli,
+          "train clip -o none.safetensors --iters 1 --rays 64 --levels 2 --validate-frames 1 --asr_model cepstra");
+  cli_run(&cli, "eval none.safetensors clip --compose dub --split all --asr_model cepstra --json none.json");
+  cli_expect(&cli, 0, "16 of 16 frames are left as recorded", NULL);
+  json_t *none = cli_json(&cli, "none.json");
+  assert_true(json_is_null(json_object_get(json_object_get(none, "dubbed"), "psnr_lower_face")));
+  json_decref(none);
   cli_run(&cli, "eval h.safetensors clip --compose dub --refine-poses");
   cli_expect(&cli, 2, "--refine-poses is about frames that are rendered whole", NULL);
 }

@@ -141,7 +141,7 @@ bool dubbed_add(struct dubbed *d, const struct source_frame *source, const float
   grey_of_bytes(made, d->recorded.data, pixels);
   grey_of_colours(made + pixels, rgb, pixels);
   place_landmarks(d, frame, dub.landmarks);
-  if (ern_dub_box(d->session->context, &dub, dub.box) == ERN_OK && dub.box[2] > 0) {
+  if (d->drawn && ern_dub_box(d->session->context, &dub, dub.box) == ERN_OK && dub.box[2] > 0) {
     const ern_box box = {
         .top = dub.box[1], .bottom = dub.box[1] + dub.box[3], .left = dub.box[0], .right = dub.box[0] + dub.box[2]};
     d->lower_face += ern_psnr(rgb, d->recorded.data, d->width, d->height, &box);
@@ -152,7 +152,7 @@ bool dubbed_add(struct dubbed *d, const struct source_frame *source, const float
           add_pixel(d, grey, rgb, (size_t)y * (size_t)d->width + (size_t)x, source->pose.img_id == d->before_id + 1);
   }
   memcpy(d->grey[0], made, 2 * pixels * sizeof *made);
-  d->before_id = source->pose.img_id;
+  d->before_id = d->drawn ? source->pose.img_id : -2;
   free(made);
   return true;
 }
