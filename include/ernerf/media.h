@@ -169,6 +169,7 @@ typedef struct ern_video_options {
   const char *codec;  /* "h264", "hevc", "vp9", "av1" or "ffv1" (without loss), where the file holds it; NULL (default):
                          h264, of a .webm vp9 */
   const char *preset; /* of h264 and hevc: x264's "ultrafast" to "placebo"; NULL (default): "veryfast" */
+  double pixel_aspect; /* width of a pixel over its height, as it is to be shown: 0.01 to 100, default 1 */
 } ern_video_options;
 
 /* The defaults. */
@@ -181,7 +182,7 @@ static inline ern_video_options ern_video_options_default(int width, int height)
   return options;
 }
 
-/* A decoded frame of a video, in the file's pixel format. */
+/* A decoded frame of a video, in the file's pixel format. One thread at a time uses a frame; a clone is another. */
 typedef struct ern_video_frame ern_video_frame;
 
 /* By the name's ending, in any case: .mp4 .m4v (h264, hevc, vp9, av1), .mov (h264, hevc), .mkv (h264, hevc, vp9, av1,

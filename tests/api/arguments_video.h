@@ -22,6 +22,9 @@ CHECK(ern_video_writer_open) {
   options.rate_denominator = 2501;
   REFUSED(w.context, "is 25/2501 frames", ern_video_writer_open(w.context, "a.mp4", &options, &writer));
   options.rate_denominator = 1;
+  options.pixel_aspect = 0;
+  REFUSED(w.context, "pixel_aspect is 0", ern_video_writer_open(w.context, "a.mp4", &options, &writer));
+  options.pixel_aspect = 1;
   options.sound = &(ern_sound){.rate = 16000, .channels = 1, .frames = 1};
   REFUSED(w.context, "no samples", ern_video_writer_open(w.context, "a.mp4", &options, &writer));
   options.size = offsetof(ern_video_options, sound); /* so it is not looked at */

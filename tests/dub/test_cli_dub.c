@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * `ernerf dub` on a made-up clip with its video: size, rate, length and sound of the output, which is the recorded
  * video outside the lower face; and what is refused. The record of `ernerf prepare` is written here. */
+#include <math.h>
 #include <time.h>
 
 #include "e2e/cli.h"
@@ -24,7 +25,7 @@ static void write_record(const char *hash, double from, int x) {
              i > 0 ? ", " : "", steps[i]);
   const int bytes = snprintf(
       text, sizeof text,
-      "{\"version\": 2, \"video\": \"clip.mp4\", \"source\": {\"bytes\": %lld, \"from\": %.1f}, \"frames\": %d,"
+      "{\"version\": 2, \"video\": \"clip.mp4\", \"source\": {\"bytes\": %lld, \"from\": %.2f}, \"frames\": %d,"
       " \"steps\": {%s}, \"crop\": {\"x\": %d, \"y\": 0, \"width\": %d, \"side\": %d, \"sha256\": \"%s\"}}",
       (long long)about.st_size, from, FRAMES, done, x, SIDE, SIDE, hash != NULL ? hash : own);
   cli_replace("clip/prepare.json", text, (size_t)bytes);
@@ -145,6 +146,18 @@ static void test_eval(void **state) {
   assert_true(seam > 0.5 && seam < 1.5 && json_is_number(json_object_get(dubbed, "flicker")));
   assert_int_equal(json_integer_value(json_object_get(dubbed, "left")), 0);
   json_decref(all);
+  cli_run(&cli, "eval h.safetensors clip --compose dub --split all --asr_model cepstra --frames 0:1 --json one.json");
+  cli_expect(&cli, 0, NULL);
+  json_t *one = cli_json(&cli, "one.json");
+  assert_true(json_is_null(json_object_get(json_object_get(one, "dubbed"), "flicker"))); /* it is of two frames */
+  json_decref(one);
+  cli_run(&cli,
+          "train clip -o none.safetensors --iters 1 --rays 64 --levels 2 --validate-frames 1 --asr_model cepstra");
+  cli_run(&cli, "eval none.safetensors clip --compose dub --split all --asr_model cepstra --json none.json");
+  cli_expect(&cli, 0, "16 of 16 frames are left as recorded", NULL);
+  json_t *none = cli_json(&cli, "none.json");
+  assert_true(json_is_null(json_object_get(json_object_get(none, "dubbed"), "psnr_lower_face")));
+  json_decref(none);
   cli_run(&cli, "eval h.safetensors clip --compose dub --refine-poses");
   cli_expect(&cli, 2, "--refine-poses is about frames that are rendered whole", NULL);
 }
@@ -255,14 +268,44 @@ static void test_part(void **state) {
 #undef PART_DUB
 }
 
-static void write_black(const char *path) {
-  static const uint8_t rgba[SIDE * SIDE * 4];
+/* Frame k is grey, 15 k. */
+static void write_grey(const char *path, double pixel_aspect) {
+  static uint8_t rgba[SIDE * SIDE * 4];
   ern_context *context = support_context();
-  const ern_video_options options = ern_video_options_default(SIDE, SIDE);
+  ern_video_options options = ern_video_options_default(SIDE, SIDE);
   ern_video_writer *writer = NULL;
+  options.pixel_aspect = pixel_aspect;
   support_ok(context, ern_video_writer_open(context, path, &options, &writer));
-  for (int k = 0; k < FRAMES; k++) support_ok(context, ern_video_writer_frame(writer, rgba));
+  for (int k = 0; k < FRAMES; k++) {
+    memset(rgba, 15 * k, sizeof rgba);
+    support_ok(context, ern_video_writer_frame(writer, rgba));
+  }
   support_ok(context, ern_video_writer_close(&writer));
+  ern_context_free(&context);
+}
+
+/* A clip that begins between two recorded frames: its frames are the nearest ones, as `prepare` chooses them. The
+ * output's pixels have the shape of the video's. */
+static void test_between(void **state) {
+  (void)state;
+  static uint8_t top[SIDE * SIDE / 4 * 3];
+  ern_context *context = support_context();
+  ern_video_reader *reader = NULL;
+  ern_video_info info;
+  char hash[65];
+  write_grey("steps.mp4", 4.0 / 3);
+  support_ok(context, ern_file_sha256(context, "steps.mp4", hash));
+  write_record(hash, 0.03, 0);
+  cli_run(&cli, "dub h.safetensors steps.mp4 --clip clip --audio shorter/aud.wav -o between.mp4 --rest cut -y --quiet");
+  cli_expect(&cli, 0, NULL);
+  for (int k = 0; k < SHORTER; k++) {
+    read_top("between.mp4", k / 25.0, top);
+    assert_in_range(top[0], 15 * (k + 1) - 4, 15 * (k + 1) + 4);
+  }
+  support_ok(context, ern_video_reader_open(context, "between.mp4", &reader));
+  ern_video_reader_info(reader, &info);
+  assert_true(fabs(info.pixel_aspect - 4.0 / 3) < 1e-9);
+  ern_video_reader_free(&reader);
   ern_context_free(&context);
 }
 
@@ -270,13 +313,13 @@ static void write_black(const char *path) {
 static void test_replaced(void **state) {
   (void)state;
   write_record(NULL, 0, 0);
-  write_black("black.mp4");
+  write_grey("grey.mp4", 1);
   for (int tenths = 0; tenths < 4; tenths++) {
     char command[256];
     support_clear("moved.mp4");
     support_clear("moved_out.mp4");
     snprintf(command, sizeof command,
-             "cp clip.mp4 moved.mp4; cp black.mp4 next.mp4; { sleep 0.%d; mv next.mp4 moved.mp4; } &", tenths);
+             "cp clip.mp4 moved.mp4; cp grey.mp4 next.mp4; { sleep 0.%d; mv next.mp4 moved.mp4; } &", tenths);
     assert_int_equal(system(command), 0);
     cli_run(&cli, "dub h.safetensors moved.mp4 --clip clip --audio clip/aud.wav -o moved_out.mp4 -y --quiet");
     if (cli_there("moved_out.mp4"))
@@ -286,6 +329,20 @@ static void test_replaced(void **state) {
     for (int i = 0; i < 1000 && cli_there("next.mp4"); i++)
       (void)nanosleep(&(struct timespec){.tv_nsec = 1000000}, NULL);
   }
+}
+
+/* A clip that lacks a frame: the poses after it would be those of other frames of the video. */
+static void test_frame_lacks(void **state) {
+  (void)state;
+  write_record(NULL, 0, 0);
+  assert_int_equal(system("rm -rf gap && cp -r clip gap"), 0);
+  json_t *train = cli_json(&cli, "gap/transforms_train.json");
+  assert_int_equal(json_array_remove(json_object_get(train, "frames"), 3), 0);
+  assert_int_equal(json_dump_file(train, "gap/transforms_train.json", 0), 0);
+  json_decref(train);
+  cli_run(&cli, "dub h.safetensors clip.mp4 --clip gap --audio clip/aud.wav -o no.mp4 --force");
+  cli_expect(&cli, 1, "gap: transforms_train.json and transforms_val.json: frame 3 has img_id 4, expected 3", NULL);
+  assert_false(cli_there("no.mp4"));
 }
 
 static void test_refused(void **state) {
@@ -318,9 +375,10 @@ static void test_refused(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_dub),     cmocka_unit_test(test_replaced),
-                                     cmocka_unit_test(test_for_dub), cmocka_unit_test(test_eval),
-                                     cmocka_unit_test(test_longer),  cmocka_unit_test(test_shorter),
-                                     cmocka_unit_test(test_part),    cmocka_unit_test(test_refused)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_dub),         cmocka_unit_test(test_replaced),
+                                     cmocka_unit_test(test_for_dub),     cmocka_unit_test(test_eval),
+                                     cmocka_unit_test(test_longer),      cmocka_unit_test(test_shorter),
+                                     cmocka_unit_test(test_part),        cmocka_unit_test(test_between),
+                                     cmocka_unit_test(test_frame_lacks), cmocka_unit_test(test_refused)};
   return cmocka_run_group_tests(tests, make_all, NULL);
 }

@@ -278,6 +278,19 @@ static void test_sizes_and_rates(void **state) {
   }
 }
 
+static void test_pixel_aspect(void **state) {
+  (void)state;
+  static const char *const paths[] = {"wide.mp4", "wide.mov", "wide.mkv", "wide.webm"};
+  for (size_t i = 0; i < sizeof paths / sizeof *paths; i++) {
+    ern_video_options options = ern_video_options_default(48, 32);
+    ern_video_info info;
+    options.pixel_aspect = 64.0 / 45;
+    write_video(paths[i], &options, 2);
+    (void)compare_video(paths[i], &options, 2, &info);
+    if (fabs(info.pixel_aspect - 64.0 / 45) > 0.02) fail_msg("%s: %g", paths[i], info.pixel_aspect);
+  }
+}
+
 /* Times in a gif are in 1/100 s: more frames would have equal times. */
 static void test_gif_has_100_frames_a_second_at_most(void **state) {
   (void)state;
@@ -572,6 +585,7 @@ int main(void) {
       cmocka_unit_test(test_sounds),
       cmocka_unit_test(test_silent),
       cmocka_unit_test(test_sizes_and_rates),
+      cmocka_unit_test(test_pixel_aspect),
       cmocka_unit_test(test_gif_has_100_frames_a_second_at_most),
       cmocka_unit_test(test_webm_has_each_number_of_channels),
       cmocka_unit_test(test_colours),

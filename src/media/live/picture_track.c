@@ -9,6 +9,8 @@
 #include "core/memory.h"
 #include "media/video/video_frame.h"
 
+enum { MOST_ASPECT = 4095 }; /* numerator and denominator of a pixel's aspect ratio that all encoders take */
+
 static const char *const default_preset = "veryfast"; /* thin/defaults.c compares its crf with that of x264's default */
 
 ern_status ern_picture_rate_check(ern_context *context, const char *path, int numerator, int denominator) {
@@ -66,7 +68,7 @@ static int set_options(AVCodecContext *codec, const struct ern_picture_settings 
 static bool is_rgb(enum AVPixelFormat format) { return format == AV_PIX_FMT_0RGB32 || format == AV_PIX_FMT_BGR8; }
 
 static void set_picture(AVCodecContext *made, const struct ern_picture_track *track, enum AVPixelFormat format,
-                        AVRational rate) {
+                        AVRational rate, double aspect) {
   made->width = track->width + track->width % 2;
   made->height = track->height + track->height % 2;
   made->pix_fmt = format;
@@ -79,7 +81,7 @@ static void set_picture(AVCodecContext *made, const struct ern_picture_track *tr
   }
   made->framerate = rate;
   made->time_base = (AVRational){rate.den, rate.num};
-  made->sample_aspect_ratio = (AVRational){1, 1};
+  made->sample_aspect_ratio = av_d2q(aspect > 0 ? aspect : 1, MOST_ASPECT);
 }
 
 static ern_status open_encoder(struct ern_muxer *muxer, struct ern_picture_track *track, AVRational rate,
@@ -98,7 +100,7 @@ static ern_status open_encoder(struct ern_muxer *muxer, struct ern_picture_track
   if (made == NULL || track->stream == NULL) {
     return ern_fail(context, ERN_E_NO_MEMORY, "%s: no memory for an encoder", muxer->path);
   }
-  set_picture(made, track, raw ? AV_PIX_FMT_YUV420P : settings->codec->format, rate);
+  set_picture(made, track, raw ? AV_PIX_FMT_YUV420P : settings->codec->format, rate, settings->pixel_aspect);
   if (!raw && settings->codec->id == AV_CODEC_ID_HEVC)
     made->codec_tag = MKTAG('h', 'v', 'c', '1'); /* which Apple's players need */
   if (muxer->container->oformat->flags & AVFMT_GLOBALHEADER) made->flags |= AV_CODEC_FLAG_GLOBAL_HEADER;

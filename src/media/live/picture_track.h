@@ -26,6 +26,7 @@ struct ern_picture_settings {
   const struct ern_video_codec *codec; /* of the first two */
   const char *preset;                  /* NULL: the default */
   int crf;
+  double pixel_aspect; /* width of a pixel over its height; 0: 1 */
 };
 
 struct ern_picture_track {

@@ -31,6 +31,9 @@ static ern_status check_options(ern_context *context, const char *path, const er
   ern_status status = ERN_OK;
   ERN_TRY(ern_image_check_sides(context, path, options->width, options->height));
   ERN_TRY(ern_picture_rate_check(context, path, options->rate_numerator, options->rate_denominator));
+  if (!(options->pixel_aspect >= 0.01 && options->pixel_aspect <= 100))
+    ERN_TRY(
+        ern_fail(context, ERN_E_ARGUMENT, "%s: pixel_aspect is %g, expected 0.01 to 100", path, options->pixel_aspect));
   status = ern_sound_track_check(context, path, options->sound, options->sound_start);
 fail:
   return status;
@@ -82,7 +85,8 @@ ern_status ern_video_writer_open(ern_context *context, const char *path, const e
   made->context = context;
   made->file.descriptor = -1;
   made->form = ern_video_form_of(path);
-  struct ern_picture_settings pictures = {.coding = ERN_PICTURES_FILE, .preset = chosen.preset, .crf = chosen.crf};
+  struct ern_picture_settings pictures = {
+      .coding = ERN_PICTURES_FILE, .preset = chosen.preset, .crf = chosen.crf, .pixel_aspect = chosen.pixel_aspect};
   ERN_TRY(ern_video_codec_of(context, path, made->form, chosen.codec, &pictures.codec));
   ERN_TRY(ern_video_codec_check(context, path, pictures.codec, chosen.crf, chosen.preset));
   if (chosen.sound != NULL && made->form->sound == AV_CODEC_ID_NONE)

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT
  * ernerf dub: a recorded video in which the person says new words. */
+#include <inttypes.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -159,12 +160,26 @@ static int choose_part(struct dub_job *job, const struct args *args, size_t *beg
   return 0;
 }
 
+/* Frame k of the clip is that of second k/25: one that a transforms file lacks would shift those after it. */
+static int check_whole(struct dub_job *job) {
+  for (size_t k = 0; k < job->frame_source.count; k++) {
+    const int64_t id = job->frame_source.source_frame[k].pose.img_id;
+    if (id != (int64_t)k)
+      return session_fail_with(&job->session,
+                               "%s: transforms_train.json and transforms_val.json: frame %zu has img_id %" PRId64
+                               ", expected %zu, each frame of the video once",
+                               job->portrait.source.path, k, id, k);
+  }
+  return 0;
+}
+
 /* The frames of the output: poses and eyes of the clip at the video's rate, and the new words. */
 static int open_frames(struct dub_job *job, const struct args *args) {
   struct session *session = &job->session;
   const size_t windows = job->features.windows;
   size_t end = 0;
   int status = frame_source_of_clip(&job->frame_source, session, job->portrait.clip, FRAME_SOURCE_ALL);
+  if (status == 0) status = check_whole(job);
   if (status == 0) status = choose_part(job, args, &job->begin, &end);
   if (status != 0) return status;
   job->order = malloc(windows * sizeof *job->order);
@@ -253,6 +268,7 @@ static int open_all(struct dub_job *job, const struct args *args) {
   if (status == 0) status = watermark_make(&job->watermark, session, info->width, info->height);
   if (status != 0) return status;
   choose_region(job);
+  job->sink.pixel_aspect = info->pixel_aspect;
   return sink_open(&job->sink, session, info->width, info->height, job->rate, &portrait->info,
                    job->spliced.data != NULL ? &job->spliced : &job->sound, frame_source_seconds(&job->frame_source, 0),
                    provenance_of(&job->provenance));

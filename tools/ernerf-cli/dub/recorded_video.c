@@ -9,7 +9,7 @@
 
 #include "ernerf/model.h"
 
-/* A frame is taken up to so many seconds before its time, which files round to microseconds or to milliseconds. */
+/* Seconds by which a time may differ from a frame's, as files round these to microseconds or to milliseconds. */
 #define EARLY 1e-3
 
 static int fail_record(struct session *session, const char *record, const char *why) {
@@ -147,16 +147,16 @@ int recorded_video_open(struct recorded_video *video, struct session *session, c
 
 int recorded_video_frame(struct recorded_video *video, struct session *session, double seconds,
                          const ern_video_frame **frame) {
-  const double at = video->first + video->from + seconds + EARLY;
-  if (video->window[0].at > at && go_back(video, session, at) != 0) return EXIT_FAILURE;
-  while (!video->ended && video->window[video->count - 1].at <= at)
+  const double at = video->first + (video->from + seconds);
+  const struct recorded_frame *window = video->window;
+  if (window[0].at > at + EARLY && go_back(video, session, at + EARLY) != 0) return EXIT_FAILURE;
+  while (!video->ended && window[video->count - 1].at <= at)
     if (advance(video, session) != 0) return EXIT_FAILURE;
-  size_t shown = video->count - 1;
-  while (shown > 0 && video->window[shown].at > at) shown--;
+  size_t shown = 0; /* the nearest one, the later one of two, as in the clip */
+  while (shown + 1 < video->count && fabs(window[shown + 1].at - at) <= fabs(window[shown].at - at)) shown++;
   /* the last frame is shown as long as one of the guessed rate, and up to the end of the clip's frame that shows it */
-  const bool past =
-      video->ended && at > video->window[video->count - 1].at + fmax(1 / rate_of(video), 0) + 0.04 + EARLY;
-  *frame = past ? NULL : video->window[shown].frame;
+  const bool past = video->ended && at > window[video->count - 1].at + fmax(1 / rate_of(video), 0) + 0.04 + EARLY;
+  *frame = past ? NULL : window[shown].frame;
   return 0;
 }
 

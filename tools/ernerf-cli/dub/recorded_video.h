@@ -27,8 +27,8 @@ struct recorded_video {
 int recorded_video_open(struct recorded_video *video, struct session *session, const char *path, const char *clip);
 /* Keeps so many decoded frames that the times of calls may fall: 128 MiB of yuv420p, but 8 to 64 frames. */
 int recorded_video_keep(struct recorded_video *video, struct session *session);
-/* *frame = the frame that is shown `seconds` after the clip's first frame, valid until the next call; NULL past the
- * end. The times of calls may not fall, unless frames are kept. */
+/* *frame = the frame whose time is nearest to `seconds` after the clip's first frame, as `prepare` chooses them, valid
+ * until the next call; NULL past the end. The times of calls may not fall, unless frames are kept. */
 int recorded_video_frame(struct recorded_video *video, struct session *session, double seconds,
                          const ern_video_frame **frame);
 void recorded_video_close(struct recorded_video *video);

@@ -20,7 +20,7 @@ int dubbed_open(struct dubbed *d, struct session *session, ern_clip *clip, const
                        .width = info.width,
                        .height = info.height,
                        .recorded_id = -1,
-                       .before_id = -1};
+                       .before_id = -2}; /* which no frame follows */
   const size_t pixels = (size_t)info.width * (size_t)info.height;
   if (!info.has_landmarks)
     return session_fail_with(session, "%s: has no landmarks (ori_imgs/ID.lms), which place the mouth", folder);
@@ -141,7 +141,7 @@ bool dubbed_add(struct dubbed *d, const struct source_frame *source, const float
   grey_of_bytes(made, d->recorded.data, pixels);
   grey_of_colours(made + pixels, rgb, pixels);
   place_landmarks(d, frame, dub.landmarks);
-  if (ern_dub_box(d->session->context, &dub, dub.box) == ERN_OK && dub.box[2] > 0) {
+  if (d->drawn && ern_dub_box(d->session->context, &dub, dub.box) == ERN_OK && dub.box[2] > 0) {
     const ern_box box = {
         .top = dub.box[1], .bottom = dub.box[1] + dub.box[3], .left = dub.box[0], .right = dub.box[0] + dub.box[2]};
     d->lower_face += ern_psnr(rgb, d->recorded.data, d->width, d->height, &box);
@@ -153,7 +153,7 @@ bool dubbed_add(struct dubbed *d, const struct source_frame *source, const float
                     d->before_id >= 0 && source->pose.img_id == d->before_id + 1);
   }
   memcpy(d->grey[0], made, 2 * pixels * sizeof *made);
-  d->before_id = source->pose.img_id;
+  d->before_id = d->drawn ? source->pose.img_id : -2;
   free(made);
   return true;
 }

@@ -21,9 +21,9 @@ struct dubbed {
   uint8_t *head;       /* [height][width][4] */
   float *opacity;      /* [height][width] */
   float *grey[2];      /* [height][width], 0..1: the recorded picture and the dubbed one of the frame before */
-  int64_t before_id;   /* of `grey`; -1: none */
+  int64_t before_id;   /* of `grey`; -2: none */
   bool drawn;          /* the frame that was drawn last is not the recorded one */
-  size_t frames, left; /* measured; of these left as recorded */
+  size_t frames, left; /* measured; left as recorded, which are not */
   double lower_face;   /* sum of PSNR in dB of the box round the lower face (ern_dub_box) */
   double squares;      /* sum of squared differences in the jaw band, of values 0..1 */
   size_t values;       /* number of their terms */

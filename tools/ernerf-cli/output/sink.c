@@ -288,6 +288,7 @@ static int open_video(struct sink *sink, struct session *session, const ern_soun
   options.sound_start = sound_start;
   options.provenance = sink->provenance;
   options.crf = sink->crf;
+  if (sink->pixel_aspect > 0) options.pixel_aspect = sink->pixel_aspect;
   if (sink->codec >= 0) options.codec = codecs[sink->codec];
   if (sink->preset >= 0) options.preset = presets[sink->preset];
   return ern_video_writer_open(session->context, sink->path, &options, &sink->video) == ERN_OK ? 0

@@ -41,6 +41,7 @@ struct sink {
   const char *path;
   enum sink_kind kind;
   int width, height;
+  double pixel_aspect; /* of a video: width of a pixel over its height; 0: 1 */
   ern_video_writer *video;
   ern_stream_writer *stream;
   const ern_sound *sound; /* of the stream, from `first` on, `rate` pictures a second; NULL: silent */

@@ -305,6 +305,12 @@ static int evaluate_all(struct eval_job *job) {
     progress_at(&progress, k + 1, frame_source->count, "");
   }
   progress_end(&progress);
+  if (job->dubbed.left > 0)
+    session_warn(
+        session,
+        "%zu of %zu frames are left as recorded, so their PSNR and SSIM say nothing about the model: the face is "
+        "too small or too near the edge, or the model has no head there",
+        job->dubbed.left, frame_source->count);
   if (job->video != NULL && comparison_finish(&job->comparison) != 0) return EXIT_FAILURE;
   if (paper_metrics_finish(&job->metrics, session) != 0 || write_files(job) != 0) return EXIT_FAILURE;
   const uint64_t model_bytes = stat(job->portrait.model_path, &about) == 0 ? (uint64_t)about.st_size : 0;
