@@ -14,6 +14,9 @@ fail() { echo "dub.sh: $1" >&2; exit 1; }
 status=0
 "$dub" person.mp4 none.wav -o new.mp4 2> said.log || status=$?
 [ "$status" = 1 ] && grep -q 'none.wav: there is no such file' said.log || fail "none.wav was taken"
+status=0
+"$dub" person.mp4 other/aud.wav -o new.txt 2> said.log || status=$?
+[ "$status" = 2 ] && grep -q 'new.txt, expected a video' said.log || fail "new.txt was taken for a video"
 echo mine > mine.mp4
 status=0
 "$dub" person.mp4 other/aud.wav -o mine.mp4 2> said.log || status=$?

@@ -28,6 +28,13 @@ refused() {
 # of 0.4 s, which prepare refuses, so that no call takes long; a record of the clip stays
 "$ERNERF" synth truth --size 128 --frames 10 --seed 3 --video person.mp4 --quiet
 
+# a purpose that is not known, and the last one of several
+status=0
+bash "$portrait" person.mp4 -o none --for dub --for both > said.log 2>&1 || status=$?
+[ "$status" = 2 ] && grep -qF -e '--for is both, expected portrait or dub' said.log && [ ! -e none ] || fail "--for both was taken"
+bash "$portrait" person.mp4 -o last --size 128 --for dub --for portrait > said.log 2>&1 && fail "a video of 0.4 s was taken"
+! grep -q -e '^--for' -e '^--head-only' last/portrait.txt || fail "the first of two purposes was noted"
+
 # the user's own folder with the names that portrait has
 "$ERNERF" prepare person.mp4 -o own/clip --size 128 > said.log 2>&1 && fail "a video of 0.4 s was taken"
 [ -e own/clip/prepare.json ] || fail "no record of the refusal"
