@@ -245,7 +245,7 @@ static inline void ern_video_reader_info(const ern_video_reader *reader, ern_vid
 ERN_API ERN_NODISCARD ern_status ern_video_reader_frame(ern_video_reader *reader, ern_image *image, double *seconds,
                                                         bool *end);
 /* The next frame that is read is the first one whose time stamp is `seconds` or later; after the last frame's there is
- * none. Decodes from the key frame before it on. ERN_E_UNSUPPORTED: the file's kind knows no going back. */
+ * none. Decodes from the key frame before it on. ERN_E_UNSUPPORTED: the container format cannot seek. */
 ERN_API ERN_NODISCARD ern_status ern_video_reader_seek(ern_video_reader *reader, double seconds);
 /* As ern_video_reader_frame, but the frame stays in the file's pixel format. *frame: the caller frees it, before or
  * after the reader; NULL after the last frame. */

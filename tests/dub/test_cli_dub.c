@@ -358,6 +358,8 @@ static void test_refused(void **state) {
   write_record("0000000000000000000000000000000000000000000000000000000000000000", 0, 0);
   cli_run(&cli, DUB "clip/aud.wav -o no.mp4");
   cli_expect(&cli, 1, "clip.mp4: is not the video of clip", "expected 000000000000", NULL);
+  cli_run(&cli, DUB "clip/aud.wav -o no.mp4 --torso model");
+  cli_expect(&cli, 2, "--torso is about the torso, which stays as recorded", NULL);
   write_record(NULL, 0, 8);
   cli_run(&cli, DUB "clip/aud.wav -o no.mp4");
   cli_expect(&cli, 1, "the square ends at 104, 96, but clip.mp4 has 96 x 96 pixels", NULL);

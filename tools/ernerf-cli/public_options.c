@@ -74,7 +74,6 @@ static const struct {
     {"r", SPEECH},
     {"fps", "is an option of `ernerf render`: the rate of its video; speech features have 50 vectors a second"},
     /* options of other verbs: the public program has one option list for both */
-    {"torso", TRAINING "; a model that has a torso draws it"},
     {"head_ckpt", TRAINING "; a model with a torso has its head in it"},
     {"iters", TRAINING},
     {"lr", TRAINING},

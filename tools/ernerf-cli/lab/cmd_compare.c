@@ -113,8 +113,7 @@ static void close_all(struct compare *c, bool done) {
 static int check_words(const struct compare *c, const struct args *args) {
   static const char of_models[] =
       "audio audio-pad max_steps dt_gamma transmittance_stop occupancy_threshold torso torso_shrink scale image_scale "
-      "force "
-      "asr_model speech-model speech-preset backend device deterministic isa threads";
+      "force asr_model speech-model speech-preset backend device deterministic isa threads";
   if (c->folder == NULL) return args_refuse(args, "-o DIR is missing");
   int status = speech_model_check(&c->asked.source.speech_model, args, c->asked.source.features);
   if (status < 0 && c->asked.source.features != NULL)
