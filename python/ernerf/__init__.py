@@ -280,8 +280,8 @@ class Context(_Object):
                 used._leave(handles)
 
     def _features_of(self, function, *arguments):
-        features, owner = _c.Features(), _Object()
-        owner._own(lambda pointer: self._engine.ern_features_free(self._held[0][1], pointer), features, self)
+        features, owner, context = _c.Features(), _Object(), self._handle
+        owner._own(lambda pointer: self._engine.ern_features_free(context, pointer), features, self)
         self._call(function, self, *arguments, ctypes.byref(features))
         array = _features_array(owner, features, writable=True)
         owner.close()  # the array is its user

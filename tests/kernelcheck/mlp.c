@@ -183,10 +183,14 @@ static void test_exact(void **state) {
   for (size_t s = 0; s < SHAPES; s++) {
     const bool large = shapes[s].width[1] == 256; /* up to 500,000 weights: some sizes are enough */
     for (size_t i = large ? size_count() - 3 : 0; is_run_here(s) && i < size_count() - (large ? 1 : 0); i++)
-      if ((s + i) % (is_emulated() ? (is_long() ? 3 : 18) : 1) == 0) check_exact(s, test_sizes[i], 15);
+      if ((s + i) % (is_emulated() ? (is_long() ? 3 : 24) : 1) == 0) check_exact(s, test_sizes[i], 15);
   }
   for (unsigned wanted = 0; wanted < 15; wanted += 5) check_exact(ODD, 100, wanted);
-  check_exact(ODD, is_small() ? 1000 : is_emulated() ? 5000 : 30000, 15); /* several tiles a part */
+  check_exact(ODD,
+              is_small()      ? 1000
+              : is_emulated() ? (is_long() ? 5000 : 1500)
+                              : 30000,
+              15); /* several tiles a part */
 }
 
 /* A device with little local memory takes smaller tiles. */
@@ -494,7 +498,7 @@ static void test_bounds(void **state) {
   for (size_t s = 0; s < SHAPES; s++) {
     const size_t most = shapes[s].width[1] == 256 ? 3 : is_small() ? 10 : COUNT_OF(sizes); /* 300,000 weights: some */
     for (size_t i = 0; is_run_here(s) && i < most; i++)
-      if ((s + i) % (is_emulated() ? (is_long() ? 2 : 15) : 1) == 0) check_bounds(s, sizes[i], 1, 1);
+      if ((s + i) % (is_emulated() ? (is_long() ? 2 : 20) : 1) == 0) check_bounds(s, sizes[i], 1, 1);
   }
   /* everything stays finite, nothing is lost in the order of sums; a device may take denormals as zeros */
   for (size_t i = 0; i < COUNT_OF(scale); i++)

@@ -12,6 +12,7 @@ import subprocess
 import sys
 import threading
 import unittest
+import unittest.mock
 
 import numpy as np
 
@@ -235,8 +236,10 @@ class Module(unittest.TestCase):
                           ("Backend", lambda: backend.info), ("Context", lambda: context.features("speech.npy")),
                           ("Renderer", lambda: renderer.frame(view, matrix, windows)),
                           ("Context", lambda: ernerf.Model(context, "head.safetensors"))):
-            with self.says(ValueError, f"the {what} is closed"):
+            with (unittest.mock.patch.object(sys, "unraisablehook") as unraisable,
+                  self.says(ValueError, f"the {what} is closed")):
                 use()
+            unraisable.assert_not_called()  # by what was made in vain
 
     def test_close_in_callbacks(self):
         """What a callback closes is freed after the call."""
