@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "dub/dubbed_frame.h"
 #include "dub/recorded_video.h"
 #include "dub/spliced_sound.h"
 #include "dub/turning_path.h"
@@ -36,20 +37,18 @@ struct dub_job {
   struct sink sink;
   struct frame_source frame_source;
   struct rate rate;
-  ern_features features;    /* of --audio */
-  ern_sound sound;          /* of --audio */
-  ern_sound spliced;        /* the words and the rest of the recorded sound; empty: `sound` is all */
-  size_t *order;            /* [features.windows] frames of the clip */
-  size_t begin, turns;      /* the first one of them; how often they turn back or forward */
-  size_t rest;              /* frames of the output after the words, as recorded */
-  float *windows, *opacity; /* opacity: [side][side] */
-  uint8_t *head;            /* [side][side][4] */
-  int side;                 /* of the whole square, as it would be rendered, pixels */
-  bool in_place;            /* outside `region` the recorded pixels are coded as they were decoded */
-  int region[4];            /* x, y, width, height of what is composed, pixels of the video: the square, or all */
-  ern_image recorded;       /* the region of a recorded frame */
-  float scale[2];           /* rendered pixels a pixel of the video, across and down */
-  size_t left;              /* frames that were left as recorded */
+  ern_features features; /* of --audio */
+  ern_sound sound;       /* of --audio */
+  ern_sound spliced;     /* the words and the rest of the recorded sound; empty: `sound` is all */
+  size_t *order;         /* [features.windows] frames of the clip */
+  size_t begin, turns;   /* the first one of them; how often they turn back or forward */
+  size_t rest;           /* frames of the output after the words, as recorded */
+  float *windows;
+  struct dubbed_frame dubbed;
+  bool in_place;      /* outside `region` the recorded pixels are coded as they were decoded */
+  int region[4];      /* x, y, width, height of what is composed, pixels of the video: the square, or all */
+  ern_image recorded; /* the region of a recorded frame */
+  size_t left;        /* frames that were left as recorded */
 };
 
 /* ---- opening ----------------------------------------------------------------------------------------------------- */
@@ -210,21 +209,6 @@ static int open_sound(struct dub_job *job) {
   return ern_sound_read(session->context, job->audio, &job->sound) == ERN_OK ? 0 : session_fail(session);
 }
 
-/* The head is rendered in the square's own pixels, but in no more than it was trained on: more cost time and show
- * nothing new. */
-static int open_pictures(struct dub_job *job) {
-  const int *square = job->video.square, trained = job->portrait.clip_info.width;
-  job->side = square[3] < trained ? square[3] : trained;
-  job->scale[0] = (float)job->side / (float)square[2];
-  job->scale[1] = (float)job->side / (float)square[3];
-  const size_t pixels = ((size_t)job->side + 1) * ((size_t)job->side + 1); /* a part may be rounded up */
-  job->head = malloc(pixels * 4);
-  job->opacity = malloc(pixels * sizeof *job->opacity);
-  if (job->head == NULL || job->opacity == NULL)
-    return session_fail_with(&job->session, "no memory for a head of %d x %d", job->side, job->side);
-  return 0;
-}
-
 /* What is composed: with a label or a watermark, and where a frame is not coded as it was decoded, all of it. Else the
  * square, grown to even numbers. */
 static void choose_region(struct dub_job *job) {
@@ -253,14 +237,12 @@ static int open_all(struct dub_job *job, const struct args *args) {
     portrait->render.frame_rate = (float)rate_value(job->rate);
     status = portrait_open(portrait, session, args);
   }
-  if (status == 0 && !portrait->clip_info.has_landmarks)
-    status = session_fail_with(session, "%s: has no landmarks (ori_imgs/ID.lms), which place the mouth",
-                               portrait->source.path);
+  if (status == 0)
+    status = dubbed_frame_open(&job->dubbed, session, portrait->clip, portrait->source.path, job->video.square);
   if (status == 0) status = open_features(job);
   if (status == 0) status = silence_pose_open(&job->silence_pose, session, portrait, &job->features);
   if (status == 0) status = open_frames(job, args);
   if (status == 0) status = portrait_prune_occupancy(portrait, session, &job->frame_source, &job->features);
-  if (status == 0) status = open_pictures(job);
   if (status == 0) status = open_sound(job);
   const ern_video_info *info = &job->video.info;
   if (status == 0) status = provenance_learn(&job->provenance, session, portrait, job->audio, false);
@@ -292,28 +274,17 @@ static double recorded_second(const struct dub_job *job, size_t k) {
   return (from + (double)frame->toward * (to - from)) / RATE_CLIP;
 }
 
-/* The camera of frame k for the part of the region in `box`. */
-static ern_camera camera_of(const struct dub_job *job, size_t k, const int box[4], const int square[4]) {
-  ern_camera camera =
-      frame_source_camera(&job->frame_source, k, job->portrait.scale, job->side, job->side, ERN_FIT_CONTAIN);
-  camera.cx -= (float)(box[0] - square[0]) * job->scale[0];
-  camera.cy -= (float)(box[1] - square[1]) * job->scale[1];
-  camera.width = (int)ceilf((float)box[2] * job->scale[0]);
-  camera.height = (int)ceilf((float)box[3] * job->scale[1]);
-  camera.frame.left = -(int)lroundf((float)(box[0] - square[0]) * job->scale[0]); /* the whole square, for the torso */
-  camera.frame.top = -(int)lroundf((float)(box[1] - square[1]) * job->scale[1]);
-  camera.frame.right = camera.frame.left + job->side;
-  camera.frame.bottom = camera.frame.top + job->side;
-  return camera;
-}
-
-/* The head of frame k in the box: its colours, and its own opacity as alpha, which a torso of the model has no part
- * in. */
-static ern_status draw_head(struct dub_job *job, size_t k, const ern_camera *camera) {
+/* Frame k over job->recorded, the region of the recorded frame, into rgba. */
+static ern_status compose(struct dub_job *job, size_t k, uint8_t *rgba) {
   const struct frame_source *frame_source = &job->frame_source;
+  struct dubbed_frame *dubbed = &job->dubbed;
+  int square[4];
   float refined[16];
+  memcpy(square, job->video.square, sizeof square);
+  for (int c = 0; c < 2; c++) square[c] -= job->region[c];
   frame_source_windows(frame_source, k, &job->features, (ern_audio_pad)job->portrait.audio_pad, job->windows);
-  const ern_frame_input input = {.camera = *camera,
+  const ern_frame_input whole = {.camera = frame_source_camera(frame_source, k, job->portrait.scale, dubbed->size[0],
+                                                               dubbed->size[1], ERN_FIT_CONTAIN),
                                  .head_pose = portrait_refined(&job->portrait, frame_source, k, refined),
                                  .windows = job->windows,
                                  .window_length = job->features.window_length,
@@ -321,53 +292,9 @@ static ern_status draw_head(struct dub_job *job, size_t k, const ern_camera *cam
                                  .individual = ERN_INDIVIDUAL_MEAN,
                                  .silence_code = job->silence_pose.code,
                                  .silence_weight = silence_pose_weight(&job->silence_pose, frame_source, k)};
-  const ern_frame_output output = {.rgba = job->head, .opacity = job->opacity};
-  const ern_status status = ern_renderer_frame(job->portrait.renderer, &input, &output, NULL);
-  const size_t pixels = (size_t)camera->width * (size_t)camera->height;
-  for (size_t i = 0; status == ERN_OK && i < pixels; i++)
-    job->head[4 * i + 3] = (uint8_t)(255 * job->opacity[i] + 0.5F);
-  return status;
-}
-
-/* The recorded landmarks at the time of frame k, in shares of the square. */
-static void place_landmarks(const struct dub_job *job, size_t k, float landmarks[68][2]) {
-  const struct source_frame *before = frame_source_before(&job->frame_source, k),
-                            *after = frame_source_after(&job->frame_source, k);
-  const ern_clip_frame *from = ern_clip_frame_at(job->portrait.clip, before->split, before->index),
-                       *to = ern_clip_frame_at(job->portrait.clip, after->split, after->index);
-  const float toward = job->frame_source.source_frame[k].toward;
-  const float size[2] = {(float)job->portrait.clip_info.width, (float)job->portrait.clip_info.height};
-  for (int i = 0; i < 68; i++)
-    for (int c = 0; c < 2; c++)
-      landmarks[i][c] = (from->landmarks[i][c] + toward * (to->landmarks[i][c] - from->landmarks[i][c])) / size[c];
-}
-
-/* Frame k over job->recorded, the region of the recorded frame, into rgba. box: what may be drawn on, pixels of the
- * region; no width: nothing is. */
-static ern_status compose(struct dub_job *job, size_t k, uint8_t *rgba, int box[4]) {
-  const struct source_frame *frame = &job->frame_source.source_frame[k];
-  ern_context *context = job->session.context;
-  ern_image head = {0};
-  bool drawn = false;
-  ern_dub_input input = {.recorded = job->recorded.data, .width = job->recorded.width, .height = job->recorded.height};
-  memcpy(input.square, job->video.square, sizeof input.square);
-  for (int c = 0; c < 2; c++) input.square[c] -= job->region[c];
-  place_landmarks(job, k, input.landmarks);
-  ern_status status = ern_clip_head(job->portrait.clip, frame->split, frame->index, &head);
-  input.recorded_head = head.data != NULL ? &head : NULL;
-  if (status == ERN_OK) status = ern_dub_box(context, &input, input.box);
-  if (status == ERN_OK && input.box[2] > 0) {
-    const ern_camera camera = camera_of(job, k, input.box, input.square);
-    status = draw_head(job, k, &camera);
-    input.head = job->head;
-    input.head_width = camera.width;
-    input.head_height = camera.height;
-    memcpy(input.head_scale, job->scale, sizeof input.head_scale);
-  }
-  if (status == ERN_OK) status = ern_dub_frame(context, &input, rgba, &drawn);
-  if (!drawn) job->left++;
-  memcpy(box, input.box, sizeof input.box);
-  if (!drawn) box[2] = 0;
+  const ern_status status =
+      dubbed_frame_draw(dubbed, job->portrait.renderer, frame_source, k, &whole, &job->recorded, square, rgba, NULL);
+  job->left += dubbed->box[2] == 0;
   return status;
 }
 
@@ -398,13 +325,13 @@ static int read_region(struct dub_job *job, const ern_video_frame *recorded) {
 static int draw(struct dub_job *job, size_t k, const ern_video_frame *recorded) {
   struct session *session = &job->session;
   ern_frame_output output;
-  int box[4], part[4];
+  int part[4];
   if (read_region(job, recorded) != 0) return EXIT_FAILURE;
   if (sink_next(&job->sink, session, &output) != 0) return EXIT_FAILURE;
-  if (compose(job, k, output.rgba, box) != ERN_OK)
+  if (compose(job, k, output.rgba) != ERN_OK)
     return session_fail_with(session, "frame %zu: %s", k, ern_last_error(session->context));
   if (job->in_place) {
-    cut_part(job, box, output.rgba, part);
+    cut_part(job, job->dubbed.box, output.rgba, part);
     return sink_put_patched(&job->sink, session, recorded, part);
   }
   if (watermark_put(&job->watermark, session, output.rgba) != 0) return EXIT_FAILURE;
@@ -449,7 +376,7 @@ static int draw_all(struct dub_job *job) {
   char rate[RATE_TEXT_BYTES];
   rate_words(job->rate, rate);
   session_note(session, "dub: %zu frames of %d x %d, %s a second, the square of %d pixels at %d, %d, %s (%s) to %s",
-               count, job->video.info.width, job->video.info.height, rate, job->side, job->video.square[0],
+               count, job->video.info.width, job->video.info.height, rate, job->dubbed.size[0], job->video.square[0],
                job->video.square[1], session->backend_info.name, session->backend_info.isa, job->out);
   progress_begin(&progress, session, "dub", "frames");
   for (size_t k = 0; k < count; k++) {
@@ -491,8 +418,7 @@ static void close_all(struct dub_job *job) {
   free(job->windows);
   free(job->order);
   free(job->spliced.data);
-  free(job->opacity);
-  free(job->head);
+  dubbed_frame_close(&job->dubbed);
   frame_source_free(&job->frame_source);
   recorded_video_close(&job->video);
   ern_image_free(job->session.context, &job->recorded);

@@ -22,12 +22,11 @@ int dubbed_open(struct dubbed *d, struct session *session, ern_clip *clip, const
                        .recorded_id = -1,
                        .before_id = -2}; /* which no frame follows */
   const size_t pixels = (size_t)info.width * (size_t)info.height;
-  if (!info.has_landmarks)
-    return session_fail_with(session, "%s: has no landmarks (ori_imgs/ID.lms), which place the mouth", folder);
-  d->head = malloc(4 * pixels);
-  d->opacity = malloc(3 * pixels * sizeof *d->opacity);
-  if (d->head == NULL || d->opacity == NULL) return session_fail_with(session, "no memory for a dubbed frame");
-  for (size_t i = 0; i < 2; i++) d->grey[i] = d->opacity + (i + 1) * pixels;
+  const int square[4] = {0, 0, info.width, info.height};
+  if (dubbed_frame_open(&d->frame, session, clip, folder, square) != 0) return EXIT_FAILURE;
+  d->grey[0] = malloc(2 * pixels * sizeof *d->grey[0]);
+  if (d->grey[0] == NULL) return session_fail_with(session, "no memory for a dubbed frame");
+  d->grey[1] = d->grey[0] + pixels;
   return 0;
 }
 
@@ -48,47 +47,13 @@ int dubbed_recorded(struct dubbed *d, int64_t id, ern_image *image) {
   return 0;
 }
 
-static void place_landmarks(const struct dubbed *d, const ern_clip_frame *frame, float landmarks[68][2]) {
-  for (int i = 0; i < 68; i++) {
-    landmarks[i][0] = frame->landmarks[i][0] / (float)d->width;
-    landmarks[i][1] = frame->landmarks[i][1] / (float)d->height;
-  }
-}
-
-/* The head in the box; its alpha is its own opacity. */
-static ern_status draw_head(struct dubbed *d, ern_renderer *renderer, const ern_frame_input *whole, ern_dub_input *dub,
-                            ern_frame_times *times) {
-  ern_frame_input input = *whole;
-  input.camera.cx -= (float)dub->box[0];
-  input.camera.cy -= (float)dub->box[1];
-  input.camera.width = dub->head_width = dub->box[2];
-  input.camera.height = dub->head_height = dub->box[3];
-  input.background = input.torso = NULL;
-  const ern_frame_output output = {.rgba = d->head, .opacity = d->opacity};
-  const ern_status status = ern_renderer_frame(renderer, &input, &output, times);
-  const size_t pixels = (size_t)dub->head_width * (size_t)dub->head_height;
-  for (size_t i = 0; status == ERN_OK && i < pixels; i++) d->head[4 * i + 3] = (uint8_t)(255 * d->opacity[i] + 0.5F);
-  dub->head = d->head;
-  dub->head_scale[0] = dub->head_scale[1] = 1;
-  return status;
-}
-
-int dubbed_draw(struct dubbed *d, ern_renderer *renderer, const struct source_frame *frame,
+int dubbed_draw(struct dubbed *d, ern_renderer *renderer, const struct frame_source *frame_source, size_t k,
                 const ern_frame_input *input, uint8_t *rgba, float *rgb, ern_frame_times *times) {
-  ern_context *context = d->session->context;
-  ern_image recorded, head = {0};
-  bool drawn = false;
-  if (dubbed_recorded(d, frame->pose.img_id, &recorded) != 0) return EXIT_FAILURE;
-  ern_dub_input dub = {
-      .recorded = recorded.data, .width = d->width, .height = d->height, .square = {0, 0, d->width, d->height}};
-  place_landmarks(d, ern_clip_frame_at(d->clip, frame->split, frame->index), dub.landmarks);
-  ern_status status = ern_dub_box(context, &dub, dub.box);
-  if (status == ERN_OK && dub.box[2] > 0) status = draw_head(d, renderer, input, &dub, times);
-  if (status == ERN_OK) status = ern_clip_head(d->clip, frame->split, frame->index, &head);
-  dub.recorded_head = head.data != NULL ? &head : NULL;
-  if (status == ERN_OK) status = ern_dub_frame(context, &dub, rgba, &drawn);
-  if (status != ERN_OK) return session_fail(d->session);
-  d->drawn = drawn;
+  const int square[4] = {0, 0, d->width, d->height};
+  ern_image recorded;
+  if (dubbed_recorded(d, frame_source->source_frame[k].pose.img_id, &recorded) != 0) return EXIT_FAILURE;
+  if (dubbed_frame_draw(&d->frame, renderer, frame_source, k, input, &recorded, square, rgba, times) != ERN_OK)
+    return session_fail(d->session);
   const size_t pixels = (size_t)d->width * (size_t)d->height;
   for (size_t i = 0; rgb != NULL && i < pixels; i++)
     for (size_t c = 0; c < 3; c++) rgb[3 * i + c] = (float)rgba[4 * i + c] / 255;
@@ -133,17 +98,16 @@ bool dubbed_add(struct dubbed *d, const struct source_frame *source, const float
   const size_t pixels = (size_t)d->width * (size_t)d->height;
   const float most = band_width * hypotf(frame->landmarks[16][0] - frame->landmarks[0][0],
                                          frame->landmarks[16][1] - frame->landmarks[0][1]);
-  ern_dub_input dub = {.width = d->width, .height = d->height, .square = {0, 0, d->width, d->height}};
+  const int *drawn = d->frame.box;
   float *made = malloc(2 * pixels * sizeof *made);
   if (made == NULL) return false;
   const float *const grey[2] = {made, made + pixels};
-  d->left += !d->drawn;
+  d->left += drawn[2] == 0;
   grey_of_bytes(made, d->recorded.data, pixels);
   grey_of_colours(made + pixels, rgb, pixels);
-  place_landmarks(d, frame, dub.landmarks);
-  if (d->drawn && ern_dub_box(d->session->context, &dub, dub.box) == ERN_OK && dub.box[2] > 0) {
+  if (drawn[2] > 0) {
     const ern_box box = {
-        .top = dub.box[1], .bottom = dub.box[1] + dub.box[3], .left = dub.box[0], .right = dub.box[0] + dub.box[2]};
+        .top = drawn[1], .bottom = drawn[1] + drawn[3], .left = drawn[0], .right = drawn[0] + drawn[2]};
     d->lower_face += ern_psnr(rgb, d->recorded.data, d->width, d->height, &box);
     d->frames++;
     for (int y = box.top > 1 ? box.top : 1; y < box.bottom && y < d->height - 1; y++)
@@ -153,7 +117,7 @@ bool dubbed_add(struct dubbed *d, const struct source_frame *source, const float
                     d->before_id >= 0 && source->pose.img_id == d->before_id + 1);
   }
   memcpy(d->grey[0], made, 2 * pixels * sizeof *made);
-  d->before_id = d->drawn ? source->pose.img_id : -2;
+  d->before_id = drawn[2] > 0 ? source->pose.img_id : -2;
   free(made);
   return true;
 }
@@ -186,6 +150,6 @@ json_t *dubbed_json(const struct dubbed *d) {
 void dubbed_close(struct dubbed *d) {
   if (d->session == NULL) return;
   ern_image_free(d->session->context, &d->recorded);
-  free(d->head);
-  free(d->opacity);
+  dubbed_frame_close(&d->frame);
+  free(d->grey[0]);
 }

@@ -6,6 +6,7 @@
 
 #include <jansson.h>
 
+#include "dub/dubbed_frame.h"
 #include "ernerf/media.h"
 #include "ernerf/render.h"
 #include "session/frame_source.h"
@@ -18,11 +19,9 @@ struct dubbed {
   int width, height;
   ern_image recorded;  /* of frame recorded_id; RGB */
   int64_t recorded_id; /* -1: none */
-  uint8_t *head;       /* [height][width][4] */
-  float *opacity;      /* [height][width] */
+  struct dubbed_frame frame;
   float *grey[2];      /* [height][width], 0..1: the recorded picture and the dubbed one of the frame before */
   int64_t before_id;   /* of `grey`; -2: none */
-  bool drawn;          /* the frame that was drawn last is not the recorded one */
   size_t frames, left; /* measured; left as recorded, which are not */
   double lower_face;   /* sum of PSNR in dB of the box round the lower face (ern_dub_box) */
   double squares;      /* sum of squared differences in the jaw band, of values 0..1 */
@@ -38,7 +37,7 @@ int dubbed_open(struct dubbed *dubbed, struct session *session, ern_clip *clip, 
 int dubbed_recorded(struct dubbed *dubbed, int64_t id, ern_image *image);
 /* Renders the head of `input`, whose camera sees the whole picture, and puts it into the recorded picture: rgba and rgb
  * (NULL: not wanted), [height][width]. */
-int dubbed_draw(struct dubbed *dubbed, ern_renderer *renderer, const struct source_frame *frame,
+int dubbed_draw(struct dubbed *dubbed, ern_renderer *renderer, const struct frame_source *frame_source, size_t k,
                 const ern_frame_input *input, uint8_t *rgba, float *rgb, ern_frame_times *times);
 /* Adds the frame that was drawn last. rgb: as drawn. False without memory. */
 bool dubbed_add(struct dubbed *dubbed, const struct source_frame *frame, const float *rgb);

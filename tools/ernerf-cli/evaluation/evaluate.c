@@ -100,8 +100,8 @@ int evaluate_draw(struct evaluation *evaluation, ern_renderer *renderer, const e
   const double began = session_seconds();
   int status = 0;
   if (evaluation->dubbed != NULL)
-    status = dubbed_draw(evaluation->dubbed, renderer, &evaluation->frame_source.source_frame[k], &input, output.rgba,
-                         output.rgb, &evaluated->times);
+    status = dubbed_draw(evaluation->dubbed, renderer, &evaluation->frame_source, k, &input, output.rgba, output.rgb,
+                         &evaluated->times);
   else if (ern_renderer_frame(renderer, &input, &output, &evaluated->times) != ERN_OK)
     status = session_fail(evaluation->session);
   evaluated->ms = 1000 * (session_seconds() - began);
