@@ -162,6 +162,36 @@ static void test_eval(void **state) {
   cli_expect(&cli, 2, "--refine-poses is about frames that are rendered whole", NULL);
 }
 
+/* PSNR of `eval` of whole frames with these words; `against`: what it says that they were compared with. */
+static double psnr_against(const char *words, const char *against) {
+  cli_run(&cli, "eval h.safetensors clip --split all --asr_model cepstra --json whole.json -y %s", words);
+  cli_expect(&cli, 0, NULL);
+  json_t *whole = cli_json(&cli, "whole.json");
+  assert_string_equal(json_string_value(json_object_get(whole, "against")), against);
+  const double psnr = json_number_value(json_object_get(whole, "psnr"));
+  json_decref(whole);
+  return psnr;
+}
+
+/* Whole frames are compared with the recorded pictures, here another frame's in one place, where there are some. */
+static void test_against(void **state) {
+  (void)state;
+  assert_int_equal(unlink("clip/ori_imgs/3.jpg") | symlink("../gt_imgs/12.jpg", "clip/ori_imgs/3.jpg"), 0);
+  const double clip = psnr_against("--against clip", "clip");
+  assert_true(psnr_against("", "recorded") < clip - 0.01);
+  assert_int_equal(unlink("clip/ori_imgs/3.jpg"), 0);
+  assert_true(psnr_against("", "clip") == clip);
+  cli_run(&cli, "eval h.safetensors clip --split all --asr_model cepstra --against recorded");
+  cli_expect(&cli, 1, "ori_imgs/3.jpg", NULL);
+  assert_int_equal(symlink("../gt_imgs/3.jpg", "clip/ori_imgs/3.jpg"), 0);
+  psnr_against("--against recorded", "recorded");
+  cli_run(&cli, "eval h.safetensors clip --setting reconstruction --asr_model cepstra");
+  cli_expect(&cli, 0, NULL);
+  assert_non_null(strstr(cli.out, "compared with the clip's pictures"));
+  cli_run(&cli, "eval h.safetensors clip --compose dub --against clip");
+  cli_expect(&cli, 2, "--against is about frames that are rendered whole", NULL);
+}
+
 /* The first picture of `path` from second `seconds` on, in its upper quarter: grey levels. */
 static void read_top(const char *path, double seconds, uint8_t top[SIDE * SIDE / 4 * 3]) {
   ern_context *context = support_context();
@@ -377,10 +407,10 @@ static void test_refused(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_dub),         cmocka_unit_test(test_replaced),
-                                     cmocka_unit_test(test_for_dub),     cmocka_unit_test(test_eval),
-                                     cmocka_unit_test(test_longer),      cmocka_unit_test(test_shorter),
-                                     cmocka_unit_test(test_part),        cmocka_unit_test(test_between),
-                                     cmocka_unit_test(test_frame_lacks), cmocka_unit_test(test_refused)};
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test(test_dub),         cmocka_unit_test(test_replaced), cmocka_unit_test(test_for_dub),
+      cmocka_unit_test(test_eval),        cmocka_unit_test(test_against),  cmocka_unit_test(test_longer),
+      cmocka_unit_test(test_shorter),     cmocka_unit_test(test_part),     cmocka_unit_test(test_between),
+      cmocka_unit_test(test_frame_lacks), cmocka_unit_test(test_refused)};
   return cmocka_run_group_tests(tests, make_all, NULL);
 }

@@ -186,11 +186,7 @@ static void test_exact(void **state) {
       if ((s + i) % (is_emulated() ? (is_long() ? 3 : 24) : 1) == 0) check_exact(s, test_sizes[i], 15);
   }
   for (unsigned wanted = 0; wanted < 15; wanted += 5) check_exact(ODD, 100, wanted);
-  check_exact(ODD,
-              is_small()      ? 1000
-              : is_emulated() ? (is_long() ? 5000 : 1500)
-                              : 30000,
-              15); /* several tiles a part */
+  check_exact(ODD, is_small() ? 1000 : is_emulated() ? 2000 : 30000, 15); /* several tiles a part */
 }
 
 /* A device with little local memory takes smaller tiles. */

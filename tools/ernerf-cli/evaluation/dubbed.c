@@ -11,39 +11,21 @@
 enum { JAW_BEGIN = 2, JAW_END = 14 };
 static const float band_width = 0.08F; /* on each side of the jaw's line, in face widths: the mask ends in it */
 
-int dubbed_open(struct dubbed *d, struct session *session, ern_clip *clip, const char *folder) {
+int dubbed_open(struct dubbed *d, struct session *session, ern_clip *clip, struct recorded_picture *recorded) {
   ern_clip_info info;
   ern_clip_describe(clip, &info);
   *d = (struct dubbed){.session = session,
-                       .folder = folder,
                        .clip = clip,
                        .width = info.width,
                        .height = info.height,
-                       .recorded_id = -1,
+                       .recorded = recorded,
                        .before_id = -2}; /* which no frame follows */
   const size_t pixels = (size_t)info.width * (size_t)info.height;
   const int square[4] = {0, 0, info.width, info.height};
-  if (dubbed_frame_open(&d->frame, session, clip, folder, square) != 0) return EXIT_FAILURE;
+  if (dubbed_frame_open(&d->frame, session, clip, recorded->folder, square) != 0) return EXIT_FAILURE;
   d->grey[0] = malloc(2 * pixels * sizeof *d->grey[0]);
   if (d->grey[0] == NULL) return session_fail_with(session, "no memory for a dubbed frame");
   d->grey[1] = d->grey[0] + pixels;
-  return 0;
-}
-
-int dubbed_recorded(struct dubbed *d, int64_t id, ern_image *image) {
-  char path[4096];
-  if (id != d->recorded_id) {
-    ern_image_free(d->session->context, &d->recorded);
-    d->recorded_id = -1;
-    if (snprintf(path, sizeof path, "%s/ori_imgs/%lld.jpg", d->folder, (long long)id) >= (int)sizeof path)
-      return session_fail_with(d->session, "%s: the name is too long", d->folder);
-    if (ern_image_read(d->session->context, path, 3, &d->recorded) != ERN_OK) return session_fail(d->session);
-    if (d->recorded.width != d->width || d->recorded.height != d->height)
-      return session_fail_with(d->session, "%s: has %d x %d pixels, expected the %d x %d of the clip", path,
-                               d->recorded.width, d->recorded.height, d->width, d->height);
-    d->recorded_id = id;
-  }
-  *image = d->recorded;
   return 0;
 }
 
@@ -51,7 +33,8 @@ int dubbed_draw(struct dubbed *d, ern_renderer *renderer, const struct frame_sou
                 const ern_frame_input *input, uint8_t *rgba, float *rgb, ern_frame_times *times) {
   const int square[4] = {0, 0, d->width, d->height};
   ern_image recorded;
-  if (dubbed_recorded(d, frame_source->source_frame[k].pose.img_id, &recorded) != 0) return EXIT_FAILURE;
+  if (recorded_picture_read(d->recorded, d->session, frame_source->source_frame[k].pose.img_id, &recorded) != 0)
+    return EXIT_FAILURE;
   if (dubbed_frame_draw(&d->frame, renderer, frame_source, k, input, &recorded, square, rgba, times) != ERN_OK)
     return session_fail(d->session);
   const size_t pixels = (size_t)d->width * (size_t)d->height;
@@ -83,7 +66,7 @@ static double slope(const float *grey, int width, size_t i) {
 /* Adds pixel i of the band. grey: recorded and dubbed; follows: of the frame after that of d->grey. */
 static void add_pixel(struct dubbed *d, const float *const grey[2], const float *rgb, size_t i, bool follows) {
   for (size_t c = 0; c < 3; c++) {
-    const double apart = (double)rgb[3 * i + c] - (double)d->recorded.data[3 * i + c] / 255;
+    const double apart = (double)rgb[3 * i + c] - (double)d->recorded->image.data[3 * i + c] / 255;
     d->squares += apart * apart;
   }
   d->values += 3;
@@ -103,12 +86,12 @@ bool dubbed_add(struct dubbed *d, const struct source_frame *source, const float
   if (made == NULL) return false;
   const float *const grey[2] = {made, made + pixels};
   d->left += drawn[2] == 0;
-  grey_of_bytes(made, d->recorded.data, pixels);
+  grey_of_bytes(made, d->recorded->image.data, pixels);
   grey_of_colours(made + pixels, rgb, pixels);
   if (drawn[2] > 0) {
     const ern_box box = {
         .top = drawn[1], .bottom = drawn[1] + drawn[3], .left = drawn[0], .right = drawn[0] + drawn[2]};
-    d->lower_face += ern_psnr(rgb, d->recorded.data, d->width, d->height, &box);
+    d->lower_face += ern_psnr(rgb, d->recorded->image.data, d->width, d->height, &box);
     d->frames++;
     for (int y = box.top > 1 ? box.top : 1; y < box.bottom && y < d->height - 1; y++)
       for (int x = box.left > 1 ? box.left : 1; x < box.right && x < d->width - 1; x++)
@@ -149,7 +132,6 @@ json_t *dubbed_json(const struct dubbed *d) {
 
 void dubbed_close(struct dubbed *d) {
   if (d->session == NULL) return;
-  ern_image_free(d->session->context, &d->recorded);
   dubbed_frame_close(&d->frame);
   free(d->grey[0]);
 }

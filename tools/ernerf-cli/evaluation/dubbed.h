@@ -7,6 +7,7 @@
 #include <jansson.h>
 
 #include "dub/dubbed_frame.h"
+#include "dub/recorded_picture.h"
 #include "ernerf/media.h"
 #include "ernerf/render.h"
 #include "session/frame_source.h"
@@ -14,11 +15,9 @@
 
 struct dubbed {
   struct session *session;
-  const char *folder; /* of the clip */
   ern_clip *clip;
   int width, height;
-  ern_image recorded;  /* of frame recorded_id; RGB */
-  int64_t recorded_id; /* -1: none */
+  struct recorded_picture *recorded;
   struct dubbed_frame frame;
   float *grey[2];      /* [height][width], 0..1: the recorded picture and the dubbed one of the frame before */
   int64_t before_id;   /* of `grey`; -2: none */
@@ -30,16 +29,14 @@ struct dubbed {
   double change[2];    /* sums of the change of grey from the frame before in the jaw band: recorded, dubbed */
 };
 
-/* The caller's clip and folder must outlive it. Returns 0, or EXIT_FAILURE after a message, as do the next two. Call
- * dubbed_close in either case. */
-int dubbed_open(struct dubbed *dubbed, struct session *session, ern_clip *clip, const char *folder);
-/* The recorded picture of a frame; valid until the next call. */
-int dubbed_recorded(struct dubbed *dubbed, int64_t id, ern_image *image);
+/* The caller's clip and its recorded pictures must outlive it. Returns 0, or EXIT_FAILURE after a message, as does the
+ * next one. Call dubbed_close in either case. */
+int dubbed_open(struct dubbed *dubbed, struct session *session, ern_clip *clip, struct recorded_picture *recorded);
 /* Renders the head of `input`, whose camera sees the whole picture, and puts it into the recorded picture: rgba and rgb
  * (NULL: not wanted), [height][width]. */
 int dubbed_draw(struct dubbed *dubbed, ern_renderer *renderer, const struct frame_source *frame_source, size_t k,
                 const ern_frame_input *input, uint8_t *rgba, float *rgb, ern_frame_times *times);
-/* Adds the frame that was drawn last. rgb: as drawn. False without memory. */
+/* Adds the frame that was drawn last and whose recorded picture was read last. rgb: as drawn. False without memory. */
 bool dubbed_add(struct dubbed *dubbed, const struct source_frame *frame, const float *rgb);
 void dubbed_print(const struct dubbed *dubbed);
 json_t *dubbed_json(const struct dubbed *dubbed);

@@ -86,7 +86,8 @@ int evaluate_input(struct evaluation *evaluation, const ern_model *model, size_t
 }
 
 int evaluate_truth(const struct evaluation *evaluation, const struct source_frame *frame, ern_image *truth) {
-  if (evaluation->dubbed != NULL) return dubbed_recorded(evaluation->dubbed, frame->pose.img_id, truth);
+  if (evaluation->recorded != NULL)
+    return recorded_picture_read(evaluation->recorded, evaluation->session, frame->pose.img_id, truth);
   const ern_status status = ern_clip_pixels(evaluation->clip, frame->split, frame->index, truth, NULL);
   return status == ERN_OK ? 0 : session_fail(evaluation->session);
 }

@@ -24,8 +24,9 @@ struct evaluation {
   ern_audio_pad pad;
   struct frame_source frame_source;
   struct background background;
-  bool recorded_torso;   /* a torso of the model is not drawn, but the frame's torso picture; false */
-  struct dubbed *dubbed; /* frames are dubbed ones, compared with the recorded pictures; NULL: not so. The caller's */
+  bool recorded_torso;               /* a torso of the model is not drawn, but the frame's torso picture; false */
+  struct dubbed *dubbed;             /* frames are dubbed ones; NULL: not so. The caller's */
+  struct recorded_picture *recorded; /* what frames are compared with; NULL: the clip's gt_imgs. The caller's */
   float *windows, refined[16];
   const float *head_pose;    /* [16] used by evaluate_input in place of the frame's; NULL, the default: the frame's */
   float *rgb;                /* [height][width][3], drawn last; rgba likewise */
@@ -54,7 +55,7 @@ void evaluate_close(struct evaluation *evaluation);
 /* Fills the renderer's input for frame k. Its pointers are valid until the next call. A head is drawn over the frame's
  * torso picture, head and torso over the background. */
 int evaluate_input(struct evaluation *evaluation, const ern_model *model, size_t k, ern_frame_input *input);
-/* What a frame is compared with: the clip's picture of it. Valid until the next call. */
+/* What a frame is compared with: its recorded picture, or the clip's. Valid until the next call. */
 int evaluate_truth(const struct evaluation *evaluation, const struct source_frame *frame, ern_image *truth);
 /* Draws frame k; sets ms and times of `evaluated`. */
 int evaluate_draw(struct evaluation *evaluation, ern_renderer *renderer, const ern_model *model, size_t k,

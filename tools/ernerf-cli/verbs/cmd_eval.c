@@ -18,9 +18,10 @@
 #include "session/portrait.h"
 #include "verbs.h"
 
-enum { OWN_OPTIONS = 6 + SETTING_OPTIONS };
+enum { OWN_OPTIONS = 7 + SETTING_OPTIONS };
 
 enum compose { COMPOSE_WHOLE, COMPOSE_DUB };
+enum against { AGAINST_RECORDED, AGAINST_CLIP };
 
 /* Sums over the frames. */
 struct totals {
@@ -35,7 +36,9 @@ struct eval_job {
   struct evaluation evaluation;
   struct measures measures;
   struct dubbed dubbed;
+  struct recorded_picture recorded;
   int compose; /* enum compose */
+  int against; /* enum against */
   struct paper_metrics metrics;
   const char *video, *csv, *sheet; /* NULL: none */
   struct comparison comparison;
@@ -161,6 +164,10 @@ static void print_intervals(const struct eval_job *job) {
   printf("  %10.2f\n", frame_figures_interval(frames, "ms"));
 }
 
+static const char *against_words(const struct eval_job *job) {
+  return job->against == AGAINST_RECORDED ? "the recorded pictures, ori_imgs" : "the clip's pictures, gt_imgs";
+}
+
 static void print_table(const struct eval_job *job, uint64_t model_bytes) {
   const size_t n = job->evaluation.frame_source.count;
   const struct evaluated *sum = &job->own.sum;
@@ -177,6 +184,7 @@ static void print_table(const struct eval_job *job, uint64_t model_bytes) {
   if (n > 1) print_intervals(job);
   if (job->refine_poses) print_refined(job);
   printf("\nsetting: %s\n", setting_words(job->setting));
+  if (job->setting != SETTING_SYNCHRONIZATION) printf("compared with %s\n", against_words(job));
   const struct measures_figures figures = measures_figures(&job->measures);
   if (job->setting == SETTING_SYNCHRONIZATION)
     printf("PSNR, SSIM, mouth, sharpness, seam, tremble: not computed: %s\n", setting_no_truth);
@@ -230,7 +238,7 @@ static json_t *report(struct eval_job *job, uint64_t model_bytes) {
   return json_pack(
       "{s:o, s:o, s:s, s:o, s:s, s:i, s:i, s:I, s:o, s:o, s:o, s:o, s:o, s:o*, s:o, s:o, s:o, s:o, s:o, s:I, s:I, s:s, "
       "s:s, "
-      "s:o, s:o*, s:O}",
+      "s:o, s:o*, s:o, s:O}",
       "model", session_text(portrait->model_path), "clip", session_text(portrait->source.path), "kind",
       portrait_kind(portrait), "setting", name != NULL ? json_string(name) : json_null(), "split",
       splits[portrait->split], "width", portrait->clip_info.width, "height", portrait->clip_info.height, "count",
@@ -241,18 +249,34 @@ static json_t *report(struct eval_job *job, uint64_t model_bytes) {
       "ms_per_frame", session_number(mean(sum->ms, n)), "ms_by_stage", by_stage, "model_bytes", (json_int_t)model_bytes,
       "param_bytes", (json_int_t)portrait->info.parameter_bytes, "backend", job->session.backend_info.name, "isa",
       job->session.backend_info.isa, "metrics", paper_metrics_json(&job->metrics, job->frames), "dubbed",
-      job->compose == COMPOSE_DUB ? dubbed_json(&job->dubbed) : NULL, "frames", job->frames);
+      job->compose == COMPOSE_DUB ? dubbed_json(&job->dubbed) : NULL, "against",
+      job->setting == SETTING_SYNCHRONIZATION ? json_null()
+                                              : json_string(job->against == AGAINST_RECORDED ? "recorded" : "clip"),
+      "frames", job->frames);
 }
 
 /* ---- the verb ---------------------------------------------------------------------------------------------------- */
+
+/* The recorded pictures, where the clip has those of all frames; for the paper's figures the clip's. */
+static void choose_against(struct eval_job *job, const struct args *args) {
+  const struct frame_source *frame_source = &job->evaluation.frame_source;
+  job->against = AGAINST_RECORDED;
+  if (job->compose == COMPOSE_DUB) return;
+  if (args_given(args, "setting")) job->against = AGAINST_CLIP;
+  for (size_t k = 0; k < frame_source->count && job->against == AGAINST_RECORDED; k++)
+    if (!recorded_picture_there(&job->recorded, frame_source->source_frame[k].pose.img_id)) job->against = AGAINST_CLIP;
+}
 
 static int open_all(struct eval_job *job, const struct args *args) {
   struct portrait *portrait = &job->portrait;
   struct session *session = &job->session;
   const int status = evaluate_open_portrait(&job->evaluation, portrait, session, args, &job->measures);
   if (status != 0) return status;
+  job->recorded = recorded_picture_of(portrait->source.path, portrait->clip_info.width, portrait->clip_info.height);
+  if (!args_given(args, "against")) choose_against(job, args);
+  if (job->against == AGAINST_RECORDED) job->evaluation.recorded = &job->recorded;
   if (job->compose == COMPOSE_DUB) {
-    if (dubbed_open(&job->dubbed, session, portrait->clip, portrait->source.path) != 0) return EXIT_FAILURE;
+    if (dubbed_open(&job->dubbed, session, portrait->clip, &job->recorded) != 0) return EXIT_FAILURE;
     job->evaluation.dubbed = &job->dubbed;
   }
   if (setting_open(job->setting, &job->evaluation, portrait) != 0) return EXIT_FAILURE;
@@ -324,6 +348,7 @@ static void close_all(struct eval_job *job) {
   evaluate_close(&job->evaluation);
   measures_free(&job->measures);
   dubbed_close(&job->dubbed);
+  recorded_picture_free(&job->recorded, &job->session);
   paper_metrics_close(&job->metrics);
   portrait_close(&job->portrait);
   session_close(&job->session);
@@ -341,7 +366,7 @@ static int check_words(struct eval_job *job, const struct args *args) {
         args_forbid(args, "smooth_lips", "needs frames one after the other, which --refine-poses draws many times");
   portrait->dubs = portrait->render.no_torso = job->compose == COMPOSE_DUB;
   if (status < 0 && portrait->dubs)
-    status = args_forbid(args, "refine-poses torso torso_shrink", "is about frames that are rendered whole");
+    status = args_forbid(args, "refine-poses torso torso_shrink against", "is about frames that are rendered whole");
   const char *dot = job->sheet != NULL ? strrchr(job->sheet, '.') : NULL;
   if (status < 0 && job->sheet != NULL && (dot == NULL || strcmp(dot, ".png") != 0))
     status = args_refuse(args, "--sheet is \"%s\", expected a name that ends in .png", job->sheet);
@@ -377,6 +402,13 @@ int cmd_eval(int argc, char **argv) {
        .choices = "whole|dub",
        .help = "the frames: whole: rendered whole; dub: the rendered lower face in the recorded pictures "
                "(ori_imgs/ID.jpg), with which they are compared, as `ernerf dub` makes them (default whole)"},
+      {.name = "against",
+       .kind = OPTION_CHOICE,
+       .target = &job.against,
+       .choices = "recorded|clip",
+       .help = "what frames are compared with: recorded: the pictures as they were recorded (ori_imgs/ID.jpg); clip: "
+               "those that the model is trained on, put together of the person and a still background (gt_imgs) "
+               "(default recorded, where the clip has them; with --setting clip, as in the paper)"},
       {.name = "csv",
        .kind = OPTION_TEXT,
        .target = &job.csv,
