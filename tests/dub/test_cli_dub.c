@@ -1,36 +1,16 @@
 /* SPDX-License-Identifier: MIT
  * `ernerf dub` on a made-up clip with its video: size, rate, length and sound of the output, which is the recorded
- * video outside the lower face; and what is refused. The record of `ernerf prepare` is written here. */
+ * video outside the lower face; and what is refused. */
 #include <math.h>
 #include <time.h>
 
-#include "e2e/cli.h"
-
-#include "ernerf/media.h"
-#include "ernerf/model.h"
+#include "dub/recorded_clip.h"
 
 enum { SIDE = 96, FRAMES = 16, LONGER = 40, SHORTER = 9 };
 
 static struct cli cli;
 
-static void write_record(const char *hash, double from, int x) {
-  ern_context *context = support_context();
-  static const char *const steps[] = {"face", "pose", "landmarks", "layers", "eyes", "features"};
-  char text[2048], done[1024] = "", own[65];
-  struct stat about;
-  assert_int_equal(stat("clip.mp4", &about), 0);
-  support_ok(context, ern_file_sha256(context, "clip.mp4", own));
-  for (size_t i = 0; i < sizeof steps / sizeof *steps; i++)
-    snprintf(done + strlen(done), sizeof done - strlen(done), "%s\"%s\": {\"verdict\": \"good\", \"words\": \"\"}",
-             i > 0 ? ", " : "", steps[i]);
-  const int bytes = snprintf(
-      text, sizeof text,
-      "{\"version\": 2, \"video\": \"clip.mp4\", \"source\": {\"bytes\": %lld, \"from\": %.2f}, \"frames\": %d,"
-      " \"steps\": {%s}, \"crop\": {\"x\": %d, \"y\": 0, \"width\": %d, \"side\": %d, \"sha256\": \"%s\"}}",
-      (long long)about.st_size, from, FRAMES, done, x, SIDE, SIDE, hash != NULL ? hash : own);
-  cli_replace("clip/prepare.json", text, (size_t)bytes);
-  ern_context_free(&context);
-}
+static void write_record(const char *hash, double from, int x) { recorded_clip_write(hash, from, x, SIDE, FRAMES); }
 
 static int make_all(void **state) {
   (void)state;
@@ -298,22 +278,6 @@ static void test_part(void **state) {
 #undef PART_DUB
 }
 
-/* Frame k is grey, 15 k. */
-static void write_grey(const char *path, double pixel_aspect) {
-  static uint8_t rgba[SIDE * SIDE * 4];
-  ern_context *context = support_context();
-  ern_video_options options = ern_video_options_default(SIDE, SIDE);
-  ern_video_writer *writer = NULL;
-  options.pixel_aspect = pixel_aspect;
-  support_ok(context, ern_video_writer_open(context, path, &options, &writer));
-  for (int k = 0; k < FRAMES; k++) {
-    memset(rgba, 15 * k, sizeof rgba);
-    support_ok(context, ern_video_writer_frame(writer, rgba));
-  }
-  support_ok(context, ern_video_writer_close(&writer));
-  ern_context_free(&context);
-}
-
 /* A clip that begins between two recorded frames: its frames are the nearest ones, as `prepare` chooses them. The
  * output's pixels have the shape of the video's. */
 static void test_between(void **state) {
@@ -323,7 +287,7 @@ static void test_between(void **state) {
   ern_video_reader *reader = NULL;
   ern_video_info info;
   char hash[65];
-  write_grey("steps.mp4", 4.0 / 3);
+  recorded_clip_grey("steps.mp4", 4.0 / 3, SIDE, FRAMES);
   support_ok(context, ern_file_sha256(context, "steps.mp4", hash));
   write_record(hash, 0.03, 0);
   cli_run(&cli, "dub h.safetensors steps.mp4 --clip clip --audio shorter/aud.wav -o between.mp4 --rest cut -y --quiet");
@@ -343,7 +307,7 @@ static void test_between(void **state) {
 static void test_replaced(void **state) {
   (void)state;
   write_record(NULL, 0, 0);
-  write_grey("grey.mp4", 1);
+  recorded_clip_grey("grey.mp4", 1, SIDE, FRAMES);
   for (int tenths = 0; tenths < 4; tenths++) {
     char command[256];
     support_clear("moved.mp4");

@@ -1,6 +1,5 @@
 /* SPDX-License-Identifier: MIT
  * ernerf dub: a recorded video in which the person says new words. */
-#include <inttypes.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -40,8 +39,7 @@ struct dub_job {
   ern_features features; /* of --audio */
   ern_sound sound;       /* of --audio */
   ern_sound spliced;     /* the words and the rest of the recorded sound; empty: `sound` is all */
-  size_t *order;         /* [features.windows] frames of the clip */
-  size_t begin, turns;   /* the first one of them; how often they turn back or forward */
+  size_t begin, turns;   /* the clip's frame that is shown first; how often they turn back or forward */
   size_t rest;           /* frames of the output after the words, as recorded */
   float *windows;
   struct dubbed_frame dubbed;
@@ -159,33 +157,21 @@ static int choose_part(struct dub_job *job, const struct args *args, size_t *beg
   return 0;
 }
 
-/* Frame k of the clip is that of second k/25: one that a transforms file lacks would shift those after it. */
-static int check_whole(struct dub_job *job) {
-  for (size_t k = 0; k < job->frame_source.count; k++) {
-    const int64_t id = job->frame_source.source_frame[k].pose.img_id;
-    if (id != (int64_t)k)
-      return session_fail_with(&job->session,
-                               "%s: transforms_train.json and transforms_val.json: frame %zu has img_id %" PRId64
-                               ", expected %zu, each frame of the video once",
-                               job->portrait.source.path, k, id, k);
-  }
-  return 0;
-}
-
 /* The frames of the output: poses and eyes of the clip at the video's rate, and the new words. */
 static int open_frames(struct dub_job *job, const struct args *args) {
   struct session *session = &job->session;
   const size_t windows = job->features.windows;
   size_t end = 0;
   int status = frame_source_of_clip(&job->frame_source, session, job->portrait.clip, FRAME_SOURCE_ALL);
-  if (status == 0) status = check_whole(job);
+  if (status == 0) status = recorded_video_check(session, job->portrait.source.path, &job->frame_source);
   if (status == 0) status = choose_part(job, args, &job->begin, &end);
   if (status != 0) return status;
-  job->order = malloc(windows * sizeof *job->order);
-  if (job->order == NULL) return session_fail_with(session, "no memory for %zu frames", windows);
-  job->turns = turning_path(job->portrait.clip, job->frame_source.source_frame, job->begin, end, windows, job->order);
+  size_t *order = malloc(windows * sizeof *order); /* frames of the clip */
+  if (order == NULL) return session_fail_with(session, "no memory for %zu frames", windows);
+  job->turns = turning_path(job->portrait.clip, job->frame_source.source_frame, job->begin, end, windows, order);
   if (job->turns > 0) status = recorded_video_keep(&job->video, session);
-  if (status == 0) status = frame_source_replay(&job->frame_source, session, windows, job->order);
+  if (status == 0) status = frame_source_replay(&job->frame_source, session, windows, order);
+  free(order);
   if (status == 0) status = frame_source_resample(&job->frame_source, session, job->rate, &job->features);
   if (status == 0 && !job->cut && !args_given(args, "frames") && end - job->begin > windows)
     job->rest = rate_frames(job->rate, end - job->begin) - job->frame_source.count;
@@ -268,10 +254,7 @@ static double recorded_second(const struct dub_job *job, size_t k) {
   const double began = (double)job->begin / RATE_CLIP;
   if (k >= job->frame_source.count) return began + (double)k / rate_value(job->rate);
   if (job->turns == 0) return began + seconds_of(job, k);
-  const struct source_frame *frame = &job->frame_source.source_frame[k];
-  const double from = (double)job->order[frame->place];
-  const double to = frame->toward > 0 ? (double)job->order[frame->place + 1] : from;
-  return (from + (double)frame->toward * (to - from)) / RATE_CLIP;
+  return recorded_video_second(&job->frame_source, k);
 }
 
 /* Frame k over job->recorded, the region of the recorded frame, into rgba. */
@@ -313,13 +296,7 @@ static void cut_part(const struct dub_job *job, const int box[4], uint8_t *rgba,
 
 /* The region of a recorded frame, into job->recorded. */
 static int read_region(struct dub_job *job, const ern_video_frame *recorded) {
-  const ern_video_info *info = &job->video.info;
-  const ern_image *picture = &job->recorded;
-  if (ern_video_reader_rgb(job->video.reader, recorded, job->in_place ? job->region : NULL, &job->recorded) != ERN_OK)
-    return session_fail(&job->session);
-  if (job->in_place || (picture->width == info->width && picture->height == info->height)) return 0;
-  return session_fail_with(&job->session, "%s: a picture has %d x %d pixels, the first one %d x %d", job->video_path,
-                           picture->width, picture->height, info->width, info->height);
+  return recorded_video_rgb(&job->video, &job->session, recorded, job->in_place ? job->region : NULL, &job->recorded);
 }
 
 static int draw(struct dub_job *job, size_t k, const ern_video_frame *recorded) {
@@ -416,7 +393,6 @@ static void close_all(struct dub_job *job) {
   watermark_free(&job->watermark);
   silence_pose_free(&job->silence_pose);
   free(job->windows);
-  free(job->order);
   free(job->spliced.data);
   dubbed_frame_close(&job->dubbed);
   frame_source_free(&job->frame_source);

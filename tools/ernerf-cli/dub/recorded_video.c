@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT */
 #include "dub/recorded_video.h"
 
+#include <inttypes.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -158,6 +159,33 @@ int recorded_video_frame(struct recorded_video *video, struct session *session, 
   const bool past = video->ended && at > window[video->count - 1].at + fmax(1 / rate_of(video), 0) + 0.04 + EARLY;
   *frame = past ? NULL : window[shown].frame;
   return 0;
+}
+
+int recorded_video_check(struct session *session, const char *clip, const struct frame_source *frames) {
+  for (size_t k = 0; k < frames->count; k++) {
+    const int64_t id = frames->source_frame[k].pose.img_id;
+    if (id != (int64_t)k)
+      return session_fail_with(session,
+                               "%s: transforms_train.json and transforms_val.json: frame %zu has img_id %" PRId64
+                               ", expected %zu, each frame of the video once",
+                               clip, k, id, k);
+  }
+  return 0;
+}
+
+double recorded_video_second(const struct frame_source *frames, size_t k) {
+  const double from = (double)frame_source_before(frames, k)->pose.img_id,
+               to = (double)frame_source_after(frames, k)->pose.img_id;
+  return (from + (double)frames->source_frame[k].toward * (to - from)) / RATE_CLIP;
+}
+
+int recorded_video_rgb(struct recorded_video *video, struct session *session, const ern_video_frame *frame,
+                       const int part[4], ern_image *image) {
+  const ern_video_info *info = &video->info;
+  if (ern_video_reader_rgb(video->reader, frame, part, image) != ERN_OK) return session_fail(session);
+  if (part != NULL || (image->width == info->width && image->height == info->height)) return 0;
+  return session_fail_with(session, "%s: a picture has %d x %d pixels, the first one %d x %d", video->path,
+                           image->width, image->height, info->width, info->height);
 }
 
 void recorded_video_close(struct recorded_video *video) {

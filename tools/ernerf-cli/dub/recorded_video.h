@@ -4,7 +4,7 @@
 #define ERN_CLI_RECORDED_VIDEO_H
 
 #include "ernerf/media.h"
-#include "session/session.h"
+#include "session/frame_source.h"
 
 struct recorded_video {
   const char *path;
@@ -31,6 +31,15 @@ int recorded_video_keep(struct recorded_video *video, struct session *session);
  * until the next call; NULL past the end. The times of calls may not fall, unless frames are kept. */
 int recorded_video_frame(struct recorded_video *video, struct session *session, double seconds,
                          const ern_video_frame **frame);
+/* Whether frame k of the clip is that of its second k/25: one that a transforms file lacks would shift those after it.
+ * frames: all of the clip at 25 fps. */
+int recorded_video_check(struct session *session, const char *clip, const struct frame_source *frames);
+/* The second after the clip's first frame that frame k of clip frames shows. */
+double recorded_video_second(const struct frame_source *frames, size_t k);
+/* A frame of the video as RGB; part: x, y, width, height of a plain one, NULL: all of it. image: {0} before the first
+ * call, then the same one; the caller frees it. */
+int recorded_video_rgb(struct recorded_video *video, struct session *session, const ern_video_frame *frame,
+                       const int part[4], ern_image *image);
 void recorded_video_close(struct recorded_video *video);
 
 #endif

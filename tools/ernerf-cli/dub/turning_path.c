@@ -36,15 +36,19 @@ static size_t slowest(const ern_clip *clip, const struct source_frame *frames, s
   return best;
 }
 
+void turning_path_ends(const ern_clip *clip, const struct source_frame *frames, size_t begin, size_t end, size_t *low,
+                       size_t *high) {
+  const size_t quarter = (end - begin - 1) / 4;
+  const size_t near = quarter < 2 * RATE_CLIP ? quarter : 2 * RATE_CLIP; /* a turn is in the two seconds at an end */
+  *low = slowest(clip, frames, begin, end, begin, begin + near);
+  *high = slowest(clip, frames, begin, end, end - 1 - near, end - 1);
+}
+
 size_t turning_path(const ern_clip *clip, const struct source_frame *frames, size_t begin, size_t end, size_t windows,
                     size_t *order) {
-  const size_t count = end - begin, quarter = (count - 1) / 4;
-  const size_t near = quarter < 2 * RATE_CLIP ? quarter : 2 * RATE_CLIP; /* a turn is in the two seconds at an end */
+  const size_t count = end - begin;
   size_t low = begin, high = end - 1, turns = 0, at = begin;
-  if (windows > count) {
-    low = slowest(clip, frames, begin, end, begin, begin + near);
-    high = slowest(clip, frames, begin, end, end - 1 - near, end - 1);
-  }
+  if (windows > count) turning_path_ends(clip, frames, begin, end, &low, &high);
   bool forward = true;
   for (size_t t = 0; t < windows; t++) {
     order[t] = at;

@@ -12,7 +12,7 @@
 /* Factor of speed above the frame rate: reserve for encoding and reading, and to catch up after a late frame. */
 static const float SPARE = 1.15f;
 
-enum { IN_OPTIONS = 8, OUT_OPTIONS = 12, AUDIO_WINDOWS = 8, SOUND_RATE = 48000 };
+enum { IN_OPTIONS = 9, OUT_OPTIONS = 12, AUDIO_WINDOWS = 8, SOUND_RATE = 48000 };
 
 /* ---- words ------------------------------------------------------------------------------------------------------- */
 
@@ -23,6 +23,12 @@ static void in_options(struct live_job *job, struct option options[IN_OPTIONS]) 
        .target = &job->portrait.source.path,
        .choices = "CLIP",
        .help = "folder of the clip that the model was trained on: poses, eyes, background, and how the mouth rests"},
+      {.name = "video",
+       .kind = OPTION_TEXT,
+       .target = &job->video.path,
+       .choices = "VIDEO",
+       .help = "the recorded video that CLIP was prepared from: its frames are shown, forward and backward, with a "
+               "rendered mouth (docs/dub.md)"},
       {.name = "audio",
        .kind = OPTION_TEXT,
        .target = &job->sound.url,
@@ -89,7 +95,7 @@ static void out_options(struct live_job *job, struct option options[OUT_OPTIONS]
        .target = &job->size,
        .low = 1,
        .high = ERN_IMAGE_MAX_SIDE,
-       .help = "size of the frames (default that of the clip)"},
+       .help = "size of the frames (default that of the clip; with --video that of VIDEO alone)"},
       {.name = "fit",
        .kind = OPTION_CHOICE,
        .target = &job->fit,
@@ -152,6 +158,19 @@ static int check_unlisted(const struct args *args) {
   return status;
 }
 
+/* With --video only the mouth is rendered. */
+static int check_video(struct live_job *job, const struct args *args) {
+  if (job->video.path == NULL) return -1;
+  job->portrait.dubs = job->portrait.render.no_torso = job->rate_control.no_stored_front = true;
+  int status = args_forbid(args, "bg_img fit", "places what is not drawn with --video: the background is as recorded");
+  if (status < 0)
+    status = args_forbid(args, "torso torso_shrink", "is about the torso, which is as recorded with --video");
+  if (status < 0)
+    status = args_forbid(args, "fix_eye smooth_eye smooth_path smooth_path_window hold_pose rotate",
+                         "changes pose or eyes, which are as recorded with --video");
+  return status < 0 ? args_forbid(args, "front", "has times of frames without --video") : status;
+}
+
 /* The path of a file that `url` names, which is created or replaced; NULL: an address, a pipe or a device, which is
  * written to directly. */
 static const char *file_of(const char *url) {
@@ -175,6 +194,7 @@ static int check_usage(struct live_job *job, const struct args *args, int slow_r
     return args_refuse(args, "--audio - and --control - both take standard input");
   if (job->sound.url == NULL) status = args_forbid(args, "audio-format audio-rate audio-channels", "is about --audio");
   if (status < 0) status = check_unlisted(args);
+  if (status < 0) status = check_video(job, args);
   if (status < 0 && job->commands.path == NULL) status = args_forbid(args, "voice", "is about --control");
   if (status < 0 && rate_value(job->rate) > 100) status = args_refuse(args, "--fps is above 100, expected 1 to 100");
   if (status < 0 && job->unpaced && rate_control_asked(&job->rate_control))
@@ -206,6 +226,7 @@ static int open_poses(struct live_job *job, const struct args *args) {
   struct frame_source *poses = &job->poses;
   int status = frame_source_of_clip(poses, session, job->portrait.clip, FRAME_SOURCE_ALL);
   if (status == 0) status = control_clip(&job->control, session, args, poses);
+  if (status == 0 && job->video.path != NULL) status = live_video_cut(session, &job->portrait, poses);
   if (status == 0) status = frame_source_replay(poses, session, poses->count > 1 ? 2 * poses->count - 1 : 2, NULL);
   if (status != 0) return status;
   job->now = *poses;
@@ -214,6 +235,18 @@ static int open_poses(struct live_job *job, const struct args *args) {
   job->now.frame = poses->source_frame;
   if (job->size.width == 0) job->size = (struct dimensions){poses->camera.width, poses->camera.height};
   return 0;
+}
+
+static int open_video(struct live_job *job) {
+  const struct dimensions asked = job->size;
+  const ern_video_info *info = &job->video.recorded.info;
+  if (job->video.path == NULL) return 0;
+  if (live_video_open(&job->video, &job->session, job->portrait.source.path) != 0) return EXIT_FAILURE;
+  job->size = (struct dimensions){info->width, info->height};
+  if (asked.width == 0 || (asked.width == info->width && asked.height == info->height)) return 0;
+  return session_fail_with(&job->session,
+                           "--size is %dx%d, expected %dx%d, that of %s: recorded frames keep their size", asked.width,
+                           asked.height, info->width, info->height, job->video.path);
 }
 
 static int open_portrait(struct live_job *job, const struct args *args) {
@@ -270,10 +303,14 @@ static int open_all(struct live_job *job, const struct args *args) {
   if (status == 0 && file != NULL) status = provenance_check(&job->provenance, session, file);
   job->portrait.source.memory = 1;
   job->portrait.render.frame_rate = (float)rate_value(job->rate);
+  if (status == 0) status = open_video(job);
   if (status == 0) status = open_portrait(job, args);
   if (status == 0) status = open_poses(job, args);
+  if (status == 0 && job->video.path != NULL)
+    status = live_video_start(&job->video, session, &job->portrait, &job->poses, job->rate);
+  if (status == 0 && job->video.path != NULL) status = live_video_show(&job->video, 0);
   if (status == 0) status = portrait_prune_occupancy(&job->portrait, session, &job->poses, job->features);
-  if (status == 0)
+  if (status == 0 && job->video.path == NULL)
     status = background_open(&job->background, session, job->background_file, job->portrait.clip, job->size.width,
                              job->size.height, (ern_fit)job->fit);
   if (status == 0) status = open_rate_control(job, args);
@@ -297,13 +334,15 @@ static int open_all(struct live_job *job, const struct args *args) {
 
 /* Content of the provenance file; without times, so that repeated runs (--as-fast) give the same file. */
 static json_t *about_output(const struct live_job *job) {
-  const char *slash = strrchr(job->output.url, '/');
+  const char *slash = strrchr(job->output.url, '/'), *video = job->video.path, *folder = NULL;
+  if (video != NULL) folder = strrchr(video, '/');
   char rate[RATE_TEXT_BYTES];
   rate_words(job->rate, rate);
-  return json_pack("{s:o, s:I, s:I, s:s, s:i, s:i, s:b, s:o, s:o*}", "output",
+  return json_pack("{s:o, s:I, s:I, s:s, s:i, s:i, s:b, s:o*, s:o, s:o*}", "output",
                    session_text(slash != NULL ? slash + 1 : job->output.url), "frames",
                    (json_int_t)atomic_load(&job->output.written), "drawn", (json_int_t)job->drawn, "rate", rate,
-                   "width", job->size.width, "height", job->size.height, "sound", true, "rate_control",
+                   "width", job->size.width, "height", job->size.height, "sound", true, "recorded",
+                   video != NULL ? session_text(folder != NULL ? folder + 1 : video) : NULL, "rate_control",
                    job->unpaced ? json_null() : rate_control_json(&job->rate_control), "cut",
                    job->output.kept ? json_true() : NULL);
 }
@@ -327,6 +366,11 @@ static int finish(struct live_job *job, int status) {
   if (left > 0)
     session_warn(session, "%llu frames were left out, with their sound, as %s did not take them in time", left,
                  job->output.url);
+  if (job->as_recorded > 0)
+    session_warn(session,
+                 "%llu of %llu frames are left as recorded: the face is too small or too near the edge, or the "
+                 "model has no head there",
+                 (unsigned long long)job->as_recorded, (unsigned long long)job->drawn);
   session_note(session, "live: %llu frames written, %llu repeated, %llu left out: %s", written,
                (unsigned long long)job->repeated, left, job->output.url);
   if (!job->unpaced) rate_control_summary(&job->rate_control, 0);
@@ -348,6 +392,7 @@ static void close_all(struct live_job *job) {
   silence_pose_free(&job->silence_pose);
   rate_control_close(&job->rate_control);
   background_free(&job->background, &job->session);
+  live_video_close(&job->video);
   job->poses.frame = NULL;
   frame_source_free(&job->poses);
   free(job->look);
@@ -373,7 +418,8 @@ int cmd_live(int argc, char **argv) {
       .summary = "Renders speech while it is spoken, as a video stream.",
       .usage =
           "live MODEL --clip CLIP --audio - | FILE | ADDRESS | DEVICE:NAME -o - | FILE | ADDRESS\n"
-          "live MODEL --clip CLIP --control - | SOCKET -o http://127.0.0.1:8080/",
+          "live MODEL --clip CLIP --control - | SOCKET -o http://127.0.0.1:8080/\n"
+          "live MODEL --clip CLIP --video VIDEO --audio - | FILE | ADDRESS | DEVICE:NAME -o - | FILE | ADDRESS",
       .notes = "docs/live.md: from a microphone to a browser, late frames, slow readers, formats.",
       .words = words,
       .word_count = 1,
@@ -405,7 +451,7 @@ int cmd_live(int argc, char **argv) {
   int status = args_parse(&args, argc, argv);
   if (status < 0) status = check_usage(job, &args, slow_reader);
   const char *const inputs[SESSION_INPUTS] = {job->portrait.model_path, job->portrait.source.path, job->background_file,
-                                              job->rate_control.front, file_of(job->sound.url)};
+                                              job->rate_control.front,  file_of(job->sound.url),   job->video.path};
   memcpy(job->session.inputs, inputs, sizeof inputs);
   if (job->sound.url == NULL) job->sound.keeps_running = true;
   if (status < 0) status = session_open(&job->session, &args);

@@ -67,7 +67,10 @@ static void set_eyes(struct live_job *job, const char *rest) {
   char *end = NULL;
   errno = 0;
   const float eye = strtof(rest, &end);
-  if (strcmp(rest, "clip") == 0) {
+  if (job->video.path != NULL) {
+    refuse(job, "eyes: are those of the recorded frames of --video");
+    return;
+  } else if (strcmp(rest, "clip") == 0) {
     job->eye = -1;
   } else if (rest[0] == 0 || end == NULL || *end != 0 || errno != 0 || !(eye >= 0 && eye <= 1)) {
     refuse(job, "eyes: expected 0 (open) to 1 (closed), or clip");
@@ -86,6 +89,8 @@ static void set_background(struct live_job *job, const char *rest) {
   const char *choice = strcmp(rest, "clip") == 0 ? NULL : rest;
   if (rest[0] == 0) {
     refuse(job, "background: expected a file, white, black or clip");
+  } else if (job->video.path != NULL) {
+    refuse(job, "background: is that of the recorded frames of --video");
   } else if (background_open(&next, &job->session, choice, job->portrait.clip, job->size.width, job->size.height,
                              (ern_fit)job->fit) != 0) {
     background_free(&next, &job->session);

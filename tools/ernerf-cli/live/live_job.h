@@ -7,6 +7,7 @@
 #include "live/live_control.h"
 #include "live/live_output.h"
 #include "live/live_sound.h"
+#include "live/live_video.h"
 #include "output/label.h"
 #include "output/provenance_output.h"
 #include "output/watermark_output.h"
@@ -37,9 +38,10 @@ struct live_job {
   struct live_sound sound;
   struct live_output output;
   struct live_control commands;
+  struct live_video video;
   const char *background_file;
-  struct dimensions size;
-  int fit; /* ern_fit */
+  struct dimensions size; /* of the frames */
+  int fit;                /* ern_fit */
   struct rate rate;
   int look_ahead;    /* frames at 25 fps */
   double seconds;    /* duration; 0: unlimited */
@@ -60,6 +62,7 @@ struct live_job {
   float eye;                                 /* fixed eye value; below 0: the clip's */
   uint64_t heard;                            /* samples of the frames so far */
   uint64_t frames, drawn, repeated, skipped; /* skipped: frames whose sound was queued for too long */
+  uint64_t as_recorded;                      /* of those that were drawn, with --video: without a rendered mouth */
   struct live_times to_frame;                /* from the arrival of sound until its frame is drawn */
   double began;
 };

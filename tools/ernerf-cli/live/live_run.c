@@ -9,34 +9,47 @@
 
 /* ---- what a frame shows ------------------------------------------------------------------------------------------ */
 
-/* Advances the pose forward and backward through the clip, at the clip's rate, also during silence. */
-static void move(struct live_job *job) {
-  const uint64_t period = job->poses.count - 1 > 0 ? job->poses.count - 1 : 1,
-                 place = job->moved * (uint64_t)job->rate.denominator * RATE_CLIP, rate = (uint64_t)job->rate.numerator;
-  const struct rate_place at = {(size_t)(place / rate % period), (double)(place % rate) / (double)rate};
-  job->place = frame_source_between(job->poses.source_frame, at, at.place);
-  job->place.place = at.place;
+/* Advances pose and recorded frame forward and backward through the clip, at the clip's rate, also during silence. */
+static int move(struct live_job *job) {
+  job->place = frame_source_cycle(&job->poses, job->rate, job->moved);
   if (job->eye >= 0) job->place.eye = job->eye;
+  if (job->video.path != NULL && live_video_show(&job->video, job->moved) != 0) return EXIT_FAILURE;
   if (!job->held) job->moved++;
+  return 0;
 }
 
 static ern_frame_input input_of(struct live_job *job, const struct frame_source *frames, size_t k, float refined[16],
                                 const uint8_t *torso) {
-  return (ern_frame_input){.camera = frame_source_camera(frames, k, job->portrait.scale, job->size.width,
-                                                         job->size.height, (ern_fit)job->fit),
-                           .head_pose = portrait_refined(&job->portrait, frames, k, refined),
-                           .eye = frames->source_frame[k].eye,
-                           .individual = ERN_INDIVIDUAL_MEAN,
-                           .background = job->background.image.data,
-                           .torso = torso};
+  const bool dubs = job->video.path != NULL;
+  const int *whole = job->video.dubbed.size;
+  return (ern_frame_input){
+      .camera = frame_source_camera(frames, k, job->portrait.scale, dubs ? whole[0] : job->size.width,
+                                    dubs ? whole[1] : job->size.height, (ern_fit)job->fit),
+      .head_pose = portrait_refined(&job->portrait, frames, k, refined),
+      .eye = frames->source_frame[k].eye,
+      .individual = ERN_INDIVIDUAL_MEAN,
+      .background = job->background.image.data,
+      .torso = torso};
 }
 
 /* The clip's own torso picture, where the model has no torso. */
 static int find_torso(struct live_job *job, const uint8_t **torso) {
   *torso = NULL;
-  if (job->portrait.info.has_torso || !job->portrait.clip_info.has_torso) return 0;
+  if (job->video.path != NULL || job->portrait.info.has_torso || !job->portrait.clip_info.has_torso) return 0;
   return background_torso(&job->background, &job->session, job->portrait.clip, job->place.split, job->place.index,
                           torso);
+}
+
+/* The recorded frame with the lower face of `frame`. */
+static ern_status draw_over_video(struct live_job *job, const ern_live_frame *frame, ern_renderer *renderer,
+                                  ern_frame_input *input, uint8_t *rgba) {
+  input->windows = frame->windows;
+  input->window_length = frame->window_length;
+  input->silence_code = frame->silence_code;
+  input->silence_weight = frame->silence_weight;
+  const ern_status status = live_video_draw(&job->video, renderer, &job->now, 0, input, rgba);
+  job->as_recorded += job->video.dubbed.box[2] == 0;
+  return status;
 }
 
 static int draw(struct live_job *job, const ern_live_frame *frame, uint8_t *rgba) {
@@ -44,11 +57,12 @@ static int draw(struct live_job *job, const ern_live_frame *frame, uint8_t *rgba
   float refined[16];
   ern_renderer *renderer = !job->unpaced ? rate_control_renderer(&job->rate_control) : job->portrait.renderer;
   if (renderer == NULL || find_torso(job, &torso) != 0) return EXIT_FAILURE;
-  const ern_frame_input input = input_of(job, &job->now, 0, refined, torso);
+  ern_frame_input input = input_of(job, &job->now, 0, refined, torso);
   const ern_frame_output output = {.rgba = rgba};
-  if (ern_live_draw(frame, renderer, &input, &output, NULL) != ERN_OK) return session_fail(&job->session);
-  job->drawn++;
-  return 0;
+  const ern_status status = job->video.path != NULL ? draw_over_video(job, frame, renderer, &input, rgba)
+                                                    : ern_live_draw(frame, renderer, &input, &output, NULL);
+  job->drawn += status == ERN_OK;
+  return status == ERN_OK ? 0 : session_fail(&job->session);
 }
 
 int live_calibration_draw(void *user, ern_renderer *renderer, size_t k, float *rgb) {
@@ -59,7 +73,13 @@ int live_calibration_draw(void *user, ern_renderer *renderer, size_t k, float *r
   frame_source_windows(&job->poses, k, job->features, (ern_audio_pad)job->portrait.audio_pad, job->windows);
   input.windows = job->windows;
   input.window_length = job->features->window_length;
-  return ern_renderer_frame(renderer, &input, &output, NULL) == ERN_OK ? 0 : session_fail(&job->session);
+  const ern_status status = job->video.path != NULL
+                                ? live_video_draw(&job->video, renderer, &job->poses, k, &input, job->look)
+                                : ern_renderer_frame(renderer, &input, &output, NULL);
+  const size_t pixels = (size_t)job->size.width * (size_t)job->size.height;
+  for (size_t i = 0; job->video.path != NULL && rgb != NULL && i < 3 * pixels; i++)
+    rgb[i] = (float)job->look[i / 3 * 4 + i % 3] / 255;
+  return status == ERN_OK ? 0 : session_fail(&job->session);
 }
 
 /* ---- time -------------------------------------------------------------------------------------------------------- */
@@ -92,15 +112,17 @@ static double due_of(const struct live_job *job) { return job->began + (double)j
 
 /* ---- a frame ----------------------------------------------------------------------------------------------------- */
 
-/* late: the frame is not drawn; the previous picture is repeated. */
+/* late: the frame is not drawn; the previous picture is repeated. A recorded video goes on at the next drawn frame, as
+ * it would jump else. */
 static int make_frame(struct live_job *job, const ern_live_frame *frame, bool late) {
   bool failed;
   const double pulled = session_seconds();
   struct live_picture *picture = live_output_next(&job->output, &failed);
-  move(job);
   if (failed) return EXIT_FAILURE;
+  const bool repeat = late && job->drawn > 0, stays = job->video.path != NULL && (picture == NULL || repeat);
+  if (!stays && move(job) != 0) return EXIT_FAILURE;
   if (picture == NULL) return 0;
-  picture->repeat = late && job->drawn > 0;
+  picture->repeat = repeat;
   picture->samples = frame->samples;
   picture->due = job->unpaced ? session_seconds() : due_of(job);
   memcpy(picture->sound, frame->sound, frame->samples * (size_t)job->sound.channels * sizeof(float));
@@ -181,11 +203,12 @@ json_t *live_statistics(struct live_job *job) {
                            live_output_late(&job->output, 0.99), "worst", live_output_late(&job->output, 1));
   json_t *to_frame = json_pack("{s:f, s:f, s:f}", "p50", time_of(&job->to_frame, 0.5), "p99",
                                time_of(&job->to_frame, 0.99), "worst", time_of(&job->to_frame, 1));
-  return json_pack("{s:o, s:I, s:I, s:o, s:I, s:I, s:I, s:I, s:I, s:I, s:o, s:o, s:s, s:o}", "speaking",
+  return json_pack("{s:o, s:I, s:I, s:o, s:I, s:I, s:I, s:I, s:I, s:I, s:I, s:o, s:o, s:s, s:o}", "speaking",
                    speaking > 0 ? json_integer((json_int_t)speaking) : json_null(), "queued", (json_int_t)waiting,
                    "frames", (json_int_t)job->frames, "seconds", session_number(session_seconds() - job->began),
-                   "drawn", (json_int_t)job->drawn, "repeated", (json_int_t)job->repeated, "skipped",
-                   (json_int_t)job->skipped, "written", (json_int_t)atomic_load(&job->output.written), "left_out",
+                   "drawn", (json_int_t)job->drawn, "repeated", (json_int_t)job->repeated, "as_recorded",
+                   (json_int_t)job->as_recorded, "skipped", (json_int_t)job->skipped, "written",
+                   (json_int_t)atomic_load(&job->output.written), "left_out",
                    (json_int_t)atomic_load(&job->output.left_out), "readers",
                    (json_int_t)atomic_load(&job->output.readers), "sound_to_frame_ms", to_frame, "late_ms", late,
                    "settings_now", controls ? rate_control_name(&job->rate_control) : "as asked", "rate_control",

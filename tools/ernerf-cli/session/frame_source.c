@@ -195,15 +195,26 @@ int frame_source_resample(struct frame_source *frame_source, struct session *ses
   return frame_source->second != NULL ? 0 : no_memory(session, count);
 }
 
+struct source_frame frame_source_cycle(const struct frame_source *frame_source, struct rate rate, uint64_t k) {
+  const uint64_t period = frame_source->count - 1 > 0 ? frame_source->count - 1 : 1,
+                 place = k * (uint64_t)rate.denominator * RATE_CLIP, numerator = (uint64_t)rate.numerator;
+  const struct rate_place at = {(size_t)(place / numerator % period), (double)(place % numerator) / (double)numerator};
+  return frame_source_between(frame_source->source_frame, at, at.place);
+}
+
+void frame_source_keep(struct frame_source *frame_source, size_t begin, size_t end) {
+  frame_source->count = end - begin;
+  memmove(frame_source->source_frame, frame_source->source_frame + begin,
+          frame_source->count * sizeof *frame_source->source_frame);
+}
+
 int frame_source_cut(struct frame_source *frame_source, const struct args *args, const struct range *range) {
   const uint64_t end = range->open_end ? frame_source->count : range->end;
   if (range->begin >= end || end > frame_source->count)
     return args_refuse(args,
                        "--frames is %" PRIu64 ":%" PRIu64 ", expected A:B with 0 <= A < B <= %zu, the frames there are",
                        range->begin, end, frame_source->count);
-  frame_source->count = (size_t)(end - range->begin);
-  memmove(frame_source->source_frame, frame_source->source_frame + range->begin,
-          frame_source->count * sizeof *frame_source->source_frame);
+  frame_source_keep(frame_source, (size_t)range->begin, (size_t)end);
   return 0;
 }
 

@@ -68,6 +68,11 @@ int frame_source_resample(struct frame_source *frame_source, struct session *ses
                           const ern_features *features);
 /* Frame k of an output: interpolates between frame[at.place] and the next one with the weight at.toward. */
 struct source_frame frame_source_between(const struct source_frame *frame, struct rate_place at, size_t k);
+/* Frame k, without an end, of an output at `rate` that repeats the frames at 25 fps of frame_source; its last frame is
+ * its first one again. */
+struct source_frame frame_source_cycle(const struct frame_source *frame_source, struct rate rate, uint64_t k);
+/* Keeps frames [begin, end). */
+void frame_source_keep(struct frame_source *frame_source, size_t begin, size_t end);
 /* Keeps frames [begin, end) of the output. Returns 0, or EXIT_USAGE after a message if they do not exist. */
 int frame_source_cut(struct frame_source *frame_source, const struct args *args, const struct range *range);
 

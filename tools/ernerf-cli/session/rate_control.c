@@ -194,7 +194,8 @@ static void say_choice(const struct rate_control *g) {
 int rate_control_open(struct rate_control *g, struct session *session, const struct args *args,
                       const struct portrait *portrait, const struct frame_source *frame_source,
                       const ern_features *features, struct dimensions size, rate_control_draw *draw, void *user) {
-  const bool own_unit = args_given(args, "isa") || args_given(args, "threads") || args_given(args, "backend");
+  const bool measures =
+      g->no_stored_front || args_given(args, "isa") || args_given(args, "threads") || args_given(args, "backend");
   bool found = false;
   int status = 0;
   g->session = session;
@@ -202,7 +203,7 @@ int rate_control_open(struct rate_control *g, struct session *session, const str
   g->frame_source = frame_source;
   g->features = features;
   if (g->front != NULL) snprintf(g->source, sizeof g->source, "%s", g->front);
-  if (g->front != NULL || (!own_unit && own_front(g, g->source))) status = read_front(g, size, &found);
+  if (g->front != NULL || (!measures && own_front(g, g->source))) status = read_front(g, size, &found);
   if (status == 0 && !found) {
     g->source[0] = 0;
     status = rate_control_calibrate(g, size, draw, user);

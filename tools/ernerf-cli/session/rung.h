@@ -25,6 +25,7 @@ struct rate_control {
   int quality;               /* -1: not asked for; exact, balanced, draft */
   const char *front;         /* NULL: that stored beside MODEL, if any */
   bool warns_if_unreachable; /* set by the verb: a budget that no setting holds causes only a warning */
+  bool no_stored_front;      /* set by the verb: its frames take other times than those of a stored front */
   /* made */
   struct session *session;
   const struct portrait *portrait;

@@ -1,0 +1,125 @@
+/* SPDX-License-Identifier: MIT
+ * `ernerf live --video` on a made-up clip and a video: the frames are the recorded ones, forward and backward, with
+ * another mouth; and what is refused. */
+#include <math.h>
+
+#include "dub/recorded_clip.h"
+
+enum { SIDE = 96, FRAMES = 12, LONGER = 30, SOUND_RATE = 16000, TOP = SIDE / 4 * SIDE * 3, ALL = SIDE * SIDE * 3 };
+
+static struct cli cli;
+
+/* sound.pcm: a tone that comes and goes, LONGER frames long. */
+static void write_sound(void) {
+  static int16_t samples[LONGER * SOUND_RATE / 25];
+  for (int i = 0; i < LONGER * SOUND_RATE / 25; i++) samples[i] = (int16_t)(8000 * sin(0.09 * i) * sin(0.001 * i));
+  cli_replace("sound.pcm", samples, sizeof samples);
+}
+
+static int make_all(void **state) {
+  (void)state;
+  cli_run(&cli, "synth clip --size %d --frames %d --seed 3 --parsing --quiet", SIDE, FRAMES);
+  cli_expect(&cli, 0, NULL);
+  cli_run(&cli,
+          "train clip -o h.safetensors --iters 150 --rays 128 --lr 0.03 --lr_net 0.005 --levels 2 --validate-frames 1 "
+          "--asr_model cepstra --quiet");
+  cli_expect(&cli, 0, NULL);
+  recorded_clip_grey("clip.mp4", 1, SIDE, FRAMES);
+  recorded_clip_write(NULL, 0, 0, SIDE, FRAMES);
+  write_sound();
+  return 0;
+}
+
+/* A sound longer than the video: it turns, no recorded frame is left out or jumped over, and there is a mouth. */
+static void test_frames(void **state) {
+  (void)state;
+  ern_context *context = support_context();
+  ern_video_reader *reader = NULL;
+  ern_image image = {0};
+  double seconds = 0;
+  bool end = false;
+  int count = 0, turns = 0, last = -1, way = 1;
+  cli_run(&cli,
+          "live h.safetensors --clip clip --video clip.mp4 --audio sound.pcm --audio-format s16le --as-fast "
+          "-o out.mp4 --json - --quiet");
+  cli_expect(&cli, 0, NULL);
+  json_t *report = cli_json(&cli, NULL), *about = cli_json(&cli, "out.mp4.provenance.json");
+  assert_int_equal(json_integer_value(json_object_get(report, "drawn")), LONGER);
+  assert_int_equal(json_integer_value(json_object_get(report, "as_recorded")), 0);
+  assert_string_equal(json_string_value(json_object_get(about, "recorded")), "clip.mp4");
+  json_decref(report);
+  json_decref(about);
+  support_ok(context, ern_video_reader_open(context, "out.mp4", &reader));
+  for (;; count++) {
+    int grey[2] = {255, 0}, most = 0;
+    support_ok(context, ern_video_reader_frame(reader, &image, &seconds, &end));
+    if (end) break;
+    assert_true(image.width == SIDE && image.height == SIDE);
+    const int shown = (image.data[0] + 7) / 15;
+    for (size_t i = 0; i < TOP; i++) {
+      if (image.data[i] < grey[0]) grey[0] = image.data[i];
+      if (image.data[i] > grey[1]) grey[1] = image.data[i];
+    }
+    assert_true(grey[0] >= 15 * shown - 5 && grey[1] <= 15 * shown + 5); /* H.264 coded twice */
+    for (size_t i = TOP; i < ALL; i++)
+      most = abs(image.data[i] - 15 * shown) > most ? abs(image.data[i] - 15 * shown) : most;
+    assert_true(most > 15);
+    if (last >= 0 && shown != last + way) {
+      assert_int_equal(shown, last - way);
+      way = -way;
+      turns++;
+    }
+    last = shown;
+  }
+  assert_int_equal(count, LONGER);
+  assert_in_range(turns, 2, LONGER / (FRAMES / 2)); /* the ends where it turns are within a quarter of the video */
+  ern_image_free(context, &image);
+  ern_video_reader_free(&reader);
+  ern_context_free(&context);
+}
+
+/* In real time, with a rate control, and lines of --control. */
+static void test_control(void **state) {
+  (void)state;
+  static const char lines[] = "background white\neyes 0.5\nhold on\nstatistics\n";
+  cli_replace("lines.txt", lines, sizeof lines - 1);
+  assert_non_null(freopen("lines.txt", "r", stdin));
+  cli_run(&cli,
+          "live h.safetensors --clip clip --video clip.mp4 --control - --duration 0.4 --fps 30 -o control.mp4 --json - "
+          "--quiet");
+  cli_expect(&cli, 0, "error: background: is that of the recorded frames", "error: eyes: are those of the recorded",
+             "\"as_recorded\":0", NULL);
+  json_t *report = cli_json(&cli, NULL);
+  assert_int_equal(json_integer_value(json_object_get(report, "written")), 12);
+  json_decref(report);
+}
+
+static void test_refused(void **state) {
+  (void)state;
+#define LIVE "live h.safetensors --clip clip --video clip.mp4 --duration 1 -o no.mp4 "
+  cli_run(&cli, LIVE "--bg_img white");
+  cli_expect(&cli, 2, "--bg_img places what is not drawn with --video", NULL);
+  cli_run(&cli, LIVE "--hold_pose 3");
+  cli_expect(&cli, 2, "--hold_pose changes pose or eyes, which are as recorded with --video", NULL);
+  cli_run(&cli, LIVE "--torso model");
+  cli_expect(&cli, 2, "--torso is about the torso, which is as recorded with --video", NULL);
+  cli_run(&cli, LIVE "--size 48x48");
+  cli_expect(&cli, 1, "--size is 48x48, expected 96x96, that of clip.mp4", NULL);
+  cli_run(&cli, "live h.safetensors --clip clip --video clip.mp4 --duration 1 -o clip.mp4 -y");
+  cli_expect(&cli, 1, "clip.mp4", NULL); /* it is an input */
+  recorded_clip_write("0000000000000000000000000000000000000000000000000000000000000000", 0, 0, SIDE, FRAMES);
+  cli_run(&cli, LIVE);
+  cli_expect(&cli, 1, "clip.mp4: is not the video of clip", "expected 000000000000", NULL);
+  recorded_clip_write(NULL, 0.2, 0, SIDE, FRAMES); /* the thread meets the end of the video */
+  cli_run(&cli,
+          "live h.safetensors --clip clip --video clip.mp4 --audio sound.pcm --audio-format s16le --as-fast -o no.mp4");
+  cli_expect(&cli, 1, "clip.mp4: ends before the clip's frame ", NULL);
+  assert_false(cli_there("no.mp4"));
+#undef LIVE
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_frames), cmocka_unit_test(test_control),
+                                     cmocka_unit_test(test_refused)};
+  return cmocka_run_group_tests(tests, make_all, NULL);
+}

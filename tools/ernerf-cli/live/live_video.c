@@ -1,0 +1,91 @@
+/* SPDX-License-Identifier: MIT */
+#include "live/live_video.h"
+
+#include <stdlib.h>
+
+#include "dub/turning_path.h"
+
+/* Of the pictures that were read ahead. */
+static const size_t most_bytes = (size_t)64 << 20;
+
+int live_video_open(struct live_video *video, struct session *session, const char *clip) {
+  video->session = session;
+  const int status = recorded_video_open(&video->recorded, session, video->path, clip);
+  return status == 0 ? recorded_video_keep(&video->recorded, session) : status;
+}
+
+int live_video_cut(struct session *session, const struct portrait *portrait, struct frame_source *poses) {
+  size_t low, high;
+  if (recorded_video_check(session, portrait->source.path, poses) != 0) return EXIT_FAILURE;
+  turning_path_ends(portrait->clip, poses->source_frame, 0, poses->count, &low, &high);
+  frame_source_keep(poses, low, high + 1);
+  return 0;
+}
+
+/* ---- the thread -------------------------------------------------------------------------------------------------- */
+
+static void *read_ahead(void *user) {
+  struct live_video *video = user;
+  struct source_frame place;
+  const struct frame_source now = {.source_frame = &place, .count = 1, .frame = video->poses->source_frame};
+  for (uint64_t k = 0;; k++) {
+    const ern_video_frame *frame = NULL;
+    const int slot = queue_wait_for_slot(&video->queue);
+    if (slot == QUEUE_CLOSED) return NULL;
+    place = frame_source_cycle(video->poses, video->rate, k);
+    int status = recorded_video_frame(&video->recorded, video->session, recorded_video_second(&now, 0), &frame);
+    if (status == 0 && frame == NULL)
+      status = session_fail_with(video->session, "%s: ends before the clip's frame %lld", video->path,
+                                 (long long)place.pose.img_id);
+    if (status == 0) status = recorded_video_rgb(&video->recorded, video->session, frame, NULL, &video->pictures[slot]);
+    if (status != 0) break;
+    queue_push(&video->queue);
+  }
+  queue_end(&video->queue);
+  return NULL;
+}
+
+int live_video_start(struct live_video *video, struct session *session, const struct portrait *portrait,
+                     const struct frame_source *poses, struct rate rate) {
+  const ern_video_info *info = &video->recorded.info;
+  const size_t places = most_bytes / (3 * (size_t)info->width * (size_t)info->height);
+  video->poses = poses;
+  video->rate = rate;
+  if (dubbed_frame_open(&video->dubbed, session, portrait->clip, portrait->source.path, video->recorded.square) != 0)
+    return EXIT_FAILURE;
+  queue_make(&video->queue, places < 4 ? 4 : places < LIVE_VIDEO_PICTURES ? places : LIVE_VIDEO_PICTURES);
+  video->running = pthread_create(&video->reader, NULL, read_ahead, video) == 0;
+  if (video->running) return 0;
+  queue_free(&video->queue);
+  return session_fail_with(session, "cannot start a thread that reads %s", video->path);
+}
+
+/* ---- the drawing thread ------------------------------------------------------------------------------------------ */
+
+int live_video_show(struct live_video *video, uint64_t number) {
+  for (; video->taken <= number; video->taken++) {
+    if (video->taken > 0) queue_pop(&video->queue);
+    const int slot = queue_wait_for_item(&video->queue);
+    if (slot == QUEUE_CLOSED) return EXIT_FAILURE; /* the thread has said why */
+    video->shown = &video->pictures[slot];
+  }
+  return 0;
+}
+
+ern_status live_video_draw(struct live_video *video, ern_renderer *renderer, const struct frame_source *frames,
+                           size_t k, const ern_frame_input *whole, uint8_t *rgba) {
+  return dubbed_frame_draw(&video->dubbed, renderer, frames, k, whole, video->shown, video->recorded.square, rgba,
+                           NULL);
+}
+
+void live_video_close(struct live_video *video) {
+  if (video->session == NULL) return;
+  if (video->running) {
+    queue_break(&video->queue);
+    (void)pthread_join(video->reader, NULL);
+    queue_free(&video->queue);
+  }
+  for (size_t i = 0; i < LIVE_VIDEO_PICTURES; i++) ern_image_free(video->session->context, &video->pictures[i]);
+  dubbed_frame_close(&video->dubbed);
+  recorded_video_close(&video->recorded);
+}

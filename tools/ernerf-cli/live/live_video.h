@@ -1,0 +1,48 @@
+/* SPDX-License-Identifier: MIT
+ * --video of `ernerf live`: recorded frames, forward and backward without an end, with the rendered lower face in them.
+ * A thread reads them ahead, as those of a backward part are decoded from the key frame before them on. */
+#ifndef ERN_CLI_LIVE_VIDEO_H
+#define ERN_CLI_LIVE_VIDEO_H
+
+#include "bounded_queue.h"
+#include "dub/dubbed_frame.h"
+#include "dub/recorded_video.h"
+#include "session/portrait.h"
+
+enum { LIVE_VIDEO_PICTURES = 32 };
+
+struct live_video {
+  const char *path; /* from the command line; NULL: the portrait is drawn whole */
+  /* made */
+  struct session *session;
+  struct rate rate;
+  struct recorded_video recorded; /* the thread's, while it runs */
+  struct dubbed_frame dubbed;
+  const struct frame_source *poses;        /* of one period, then its first one again */
+  ern_image pictures[LIVE_VIDEO_PICTURES]; /* the queue's: whole recorded frames, RGB */
+  struct bounded_queue queue;
+  pthread_t reader;
+  bool running;
+  uint64_t taken;         /* pictures that left the queue */
+  const ern_image *shown; /* the last one of them; its place in the queue is not free yet */
+};
+
+/* The next ones return 0, or EXIT_FAILURE after a message. */
+
+/* Opens the video that the clip was prepared from; another one is refused. */
+int live_video_open(struct live_video *video, struct session *session, const char *clip);
+/* Of all poses of the clip, keeps those between the two frames where the video turns. */
+int live_video_cut(struct session *session, const struct portrait *portrait, struct frame_source *poses);
+/* Starts the thread. poses: those that were kept, forward and backward, then the first one again. They must outlive the
+ * video. */
+int live_video_start(struct live_video *video, struct session *session, const struct portrait *portrait,
+                     const struct frame_source *poses, struct rate rate);
+/* Makes `number` the recorded frame that is drawn on, that of frame_source_cycle(poses, rate, number). Numbers do not
+ * fall. */
+int live_video_show(struct live_video *video, uint64_t number);
+/* rgba: the shown frame with the lower face of `whole`, which is frame k of `frames`. */
+ern_status live_video_draw(struct live_video *video, ern_renderer *renderer, const struct frame_source *frames,
+                           size_t k, const ern_frame_input *whole, uint8_t *rgba);
+void live_video_close(struct live_video *video); /* in any state */
+
+#endif
