@@ -75,9 +75,9 @@ std::vector<cv::Point2f> landmarks_of(const ern_dub_input &in) {
 
 float width_of(const std::vector<cv::Point2f> &at) { return (float)cv::norm(at[16] - at[0]); }
 
-/* Empty: the face is too small, or its lower half leaves the square. */
+/* Empty: the face is too small, or its lower half leaves the square or the frame. */
 cv::Rect box_of(const ern_dub_input &in) {
-  const cv::Rect square = rect(in.square);
+  const cv::Rect square = rect(in.square) & cv::Rect(0, 0, in.width, in.height);
   const std::vector<cv::Point2f> at = landmarks_of(in);
   std::vector<cv::Point2f> lower(at.begin() + JAW_RIGHT, at.begin() + JAW_LEFT + 1);
   lower.insert(lower.end(), at.begin() + LIPS, at.begin() + LIPS_END);

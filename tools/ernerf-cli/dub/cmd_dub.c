@@ -46,7 +46,7 @@ struct dub_job {
   uint8_t *head;            /* [side][side][4] */
   int side;                 /* of the whole square, as it would be rendered, pixels */
   bool in_place;            /* outside `region` the recorded pixels are coded as they were decoded */
-  int region[4];            /* x, y, width, height of what is composed, pixels of the video: the square, or all */
+  int region[4];            /* x, y, width, height of what is composed, pixels of the video: the box, or all */
   ern_image recorded;       /* the region of a recorded frame */
   float scale[2];           /* rendered pixels a pixel of the video, across and down */
   size_t left;              /* frames that were left as recorded */
@@ -225,19 +225,13 @@ static int open_pictures(struct dub_job *job) {
   return 0;
 }
 
-/* What is composed: with a label or a watermark, and where a frame is not coded as it was decoded, all of it. Else the
- * square, grown to even numbers. */
+/* What is composed: with a label or a watermark, and where a frame is not coded as it was decoded, all of it. Else its
+ * box (choose_box). */
 static void choose_region(struct dub_job *job) {
   const ern_video_info *info = &job->video.info;
-  const int *square = job->video.square;
   job->in_place = ern_video_frame_is_plain(job->video.window[0].frame) && sink_takes_recorded(&job->sink) &&
                   job->label.pixels == NULL && job->watermark.pattern == NULL;
-  const int all[4] = {0, 0, info->width, info->height};
-  memcpy(job->region, all, sizeof all);
-  for (int c = 0; c < 2 && job->in_place; c++) {
-    job->region[c] = square[c] & ~1;
-    job->region[c + 2] = ((square[c] + square[c + 2] + 1) & ~1) - job->region[c];
-  }
+  memcpy(job->region, (const int[4]){0, 0, info->width, info->height}, sizeof job->region);
 }
 
 static int open_all(struct dub_job *job, const struct args *args) {
@@ -342,13 +336,11 @@ static void place_landmarks(const struct dub_job *job, size_t k, float landmarks
       landmarks[i][c] = (from->landmarks[i][c] + toward * (to->landmarks[i][c] - from->landmarks[i][c])) / size[c];
 }
 
-/* Frame k over job->recorded, the region of the recorded frame, into rgba. box: what may be drawn on, pixels of the
- * region; no width: nothing is. */
-static ern_status compose(struct dub_job *job, size_t k, uint8_t *rgba, int box[4]) {
+/* Frame k over job->recorded, the region of the recorded frame, into rgba. */
+static ern_status compose(struct dub_job *job, size_t k, uint8_t *rgba, bool *drawn) {
   const struct source_frame *frame = &job->frame_source.source_frame[k];
   ern_context *context = job->session.context;
   ern_image head = {0};
-  bool drawn = false;
   ern_dub_input input = {.recorded = job->recorded.data, .width = job->recorded.width, .height = job->recorded.height};
   memcpy(input.square, job->video.square, sizeof input.square);
   for (int c = 0; c < 2; c++) input.square[c] -= job->region[c];
@@ -364,24 +356,22 @@ static ern_status compose(struct dub_job *job, size_t k, uint8_t *rgba, int box[
     input.head_height = camera.height;
     memcpy(input.head_scale, job->scale, sizeof input.head_scale);
   }
-  if (status == ERN_OK) status = ern_dub_frame(context, &input, rgba, &drawn);
-  if (!drawn) job->left++;
-  memcpy(box, input.box, sizeof input.box);
-  if (!drawn) box[2] = 0;
-  return status;
+  return status == ERN_OK ? ern_dub_frame(context, &input, rgba, drawn) : status;
 }
 
-/* rgba, [height][width][4] of the region, becomes its part in the box, grown to even numbers. part: where that is in
- * the frame. */
-static void cut_part(const struct dub_job *job, const int box[4], uint8_t *rgba, int part[4]) {
-  const int left = box[0] & ~1, top = box[1] & ~1;
-  part[0] = job->region[0] + left;
-  part[1] = job->region[1] + top;
-  part[2] = box[2] > 0 ? ((box[0] + box[2] + 1) & ~1) - left : 0;
-  part[3] = ((box[1] + box[3] + 1) & ~1) - top;
-  const size_t bytes = (size_t)part[2] * 4, row = (size_t)job->region[2] * 4;
-  for (size_t y = 0; bytes > 0 && y < (size_t)part[3]; y++)
-    memmove(rgba + y * bytes, rgba + ((size_t)top + y) * row + (size_t)left * 4, bytes);
+/* job->region = the box of frame k, grown to even numbers; no width: there is none. */
+static int choose_box(struct dub_job *job, size_t k) {
+  ern_dub_input input = {.width = job->video.info.width, .height = job->video.info.height};
+  int *region = job->region;
+  memcpy(input.square, job->video.square, sizeof input.square);
+  place_landmarks(job, k, input.landmarks);
+  if (ern_dub_box(job->session.context, &input, input.box) != ERN_OK)
+    return session_fail_with(&job->session, "frame %zu: %s", k, ern_last_error(job->session.context));
+  for (int c = 0; c < 2; c++) {
+    region[c] = input.box[c] & ~1;
+    region[c + 2] = input.box[c + 2] > 0 ? ((input.box[c] + input.box[c + 2] + 1) & ~1) - region[c] : 0;
+  }
+  return 0;
 }
 
 /* The region of a recorded frame, into job->recorded. */
@@ -398,15 +388,15 @@ static int read_region(struct dub_job *job, const ern_video_frame *recorded) {
 static int draw(struct dub_job *job, size_t k, const ern_video_frame *recorded) {
   struct session *session = &job->session;
   ern_frame_output output;
-  int box[4], part[4];
-  if (read_region(job, recorded) != 0) return EXIT_FAILURE;
+  bool drawn = false;
+  if (job->in_place && choose_box(job, k) != 0) return EXIT_FAILURE;
+  const bool any = job->region[2] > 0;
+  if (any && read_region(job, recorded) != 0) return EXIT_FAILURE;
   if (sink_next(&job->sink, session, &output) != 0) return EXIT_FAILURE;
-  if (compose(job, k, output.rgba, box) != ERN_OK)
+  if (any && compose(job, k, output.rgba, &drawn) != ERN_OK)
     return session_fail_with(session, "frame %zu: %s", k, ern_last_error(session->context));
-  if (job->in_place) {
-    cut_part(job, box, output.rgba, part);
-    return sink_put_patched(&job->sink, session, recorded, part);
-  }
+  job->left += !drawn;
+  if (job->in_place) return sink_put_patched(&job->sink, session, recorded, drawn ? job->region : (const int[4]){0});
   if (watermark_put(&job->watermark, session, output.rgba) != 0) return EXIT_FAILURE;
   label_put(&job->label, seconds_of(job, k), output.rgba, job->video.info.width);
   sink_put(&job->sink, job->frame_source.source_frame[k].number);
