@@ -317,7 +317,7 @@ typedef struct ern_dub_input {
   int box[4]; /* x, y, width, height: the part of the frame that the head is rendered for (ern_dub_box), pixels */
   const uint8_t *head; /* [head_height][head_width][4] RGBA, alpha not premultiplied: the rendered head from the corner
                           of `box` on. The alpha is the head's alone (ern_frame_output.opacity) */
-  int head_width, head_height; /* pixels, 1..ERN_IMAGE_MAX_SIDE */
+  int head_width, head_height; /* pixels, those of the box times head_scale or more, 1..ERN_IMAGE_MAX_SIDE */
   float head_scale[2];         /* pixels of `head` a pixel of the frame, across and down; above 0 */
 } ern_dub_input;
 

@@ -37,6 +37,11 @@ static bool is_within(const int inner[4], const int outer[4]) {
   return true;
 }
 
+/* Pixels of the head that the box needs along an axis, but for a quarter of a pixel of the frame: for rounding. */
+static int least_side(const ern_dub_input *in, int axis) {
+  return (int)ceilf(((float)in->box[axis + 2] - 0.25F) * in->head_scale[axis]);
+}
+
 static ern_status check_pictures(ern_context *context, const ern_dub_input *in) {
   const ern_image *there = in->recorded_head;
   if (!is_within(in->box, (const int[4]){0, 0, in->width, in->height}) || !is_within(in->box, in->square))
@@ -52,6 +57,11 @@ static ern_status check_pictures(ern_context *context, const ern_dub_input *in) 
     if (!(in->head_scale[c] > 1e-3F) || !(in->head_scale[c] < 1e3F))
       return ern_fail(context, ERN_E_ARGUMENT, "dub: head_scale[%d] is %g, expected 0.001 to 1000", c,
                       (double)in->head_scale[c]);
+  const int least[2] = {least_side(in, 0), least_side(in, 1)};
+  if (in->head_width < least[0] || in->head_height < least[1])
+    return ern_fail(context, ERN_E_SHAPE,
+                    "dub: the head has %d x %d pixels, expected %d x %d: those of the box times head_scale",
+                    in->head_width, in->head_height, least[0], least[1]);
   if (there != NULL && (there->data == NULL || there->channels != 1 || there->width < 1 || there->height < 1))
     return ern_fail(context, ERN_E_SHAPE, "dub: recorded_head has %d channels, expected a picture with one",
                     there->channels);

@@ -238,6 +238,9 @@ static void test_refused(void **state) {
   assert_int_equal(ern_dub_frame(context, &in, out, &drawn), ERN_E_SHAPE);
   in.width = WIDTH;
   find_box(&in);
+  in.head_width--; /* less than the box */
+  assert_int_equal(ern_dub_frame(context, &in, out, &drawn), ERN_E_SHAPE);
+  find_box(&in);
   in.head_scale[1] = 0;
   assert_int_equal(ern_dub_frame(context, &in, out, &drawn), ERN_E_ARGUMENT);
   in.head_scale[1] = 1;
