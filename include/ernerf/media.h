@@ -305,23 +305,24 @@ ERN_API void ern_watermark_detector_free(ern_watermark_detector **detector);
 
 /* ---- dubbing ----------------------------------------------------------------------------------------------------- */
 
-/* A recorded frame, what is known of the head in it, and a rendered head. Plain data, may grow. */
+/* A recorded frame or a part of it that has all of the box, what is known of the head in it, and a rendered head.
+ * Positions are from the corner of what is handed over. Plain data, may grow. */
 typedef struct ern_dub_input {
   const uint8_t *recorded; /* [height][width][3] RGB */
   int width, height;       /* pixels, 1..ERN_IMAGE_MAX_SIDE */
-  int square[4];           /* x, y, width, height: where the clip's square is in the frame, pixels, within the frame */
+  int square[4];           /* x, y, width, height: where the clip's square is, pixels; may reach beyond the frame */
   float landmarks[68][2];  /* of the recorded face, x right, y down, in shares of the square (0..1); order of 300-W */
   const ern_image *recorded_head; /* one channel, of the square: 255 where the recorded head is (ern_clip_head); NULL:
                                      not known, all of the square may be drawn on */
   int box[4]; /* x, y, width, height: the part of the frame that the head is rendered for (ern_dub_box), pixels */
   const uint8_t *head; /* [head_height][head_width][4] RGBA, alpha not premultiplied: the rendered head from the corner
                           of `box` on. The alpha is the head's alone (ern_frame_output.opacity) */
-  int head_width, head_height; /* pixels, 1..ERN_IMAGE_MAX_SIDE */
+  int head_width, head_height; /* pixels, those of the box times head_scale or more, 1..ERN_IMAGE_MAX_SIDE */
   float head_scale[2];         /* pixels of `head` a pixel of the frame, across and down; above 0 */
 } ern_dub_input;
 
 /* box: x, y, width, height of the part of the frame that a dubbed frame can differ in, pixels; width and height are 0
- * where there is none: the lower face is not within the square, or the face has less than 16 pixels. Reads width,
+ * where there is none: the lower face is not within square and frame, or the face has less than 16 pixels. Reads width,
  * height, square and landmarks. Any number of threads. ERN_E_NONFINITE: a landmark is not finite. */
 ERN_API ERN_NODISCARD ern_status ern_dub_box_sized(ern_context *context, const ern_dub_input *input, size_t bytes,
                                                    int box[4]);

@@ -14,21 +14,40 @@ static ern_status check_face(ern_context *context, const ern_dub_input *in) {
   if (in->width < 1 || in->height < 1 || in->width > ERN_IMAGE_MAX_SIDE || in->height > ERN_IMAGE_MAX_SIDE)
     return ern_fail(context, ERN_E_SHAPE, "dub: the frame has %d x %d pixels, expected 1 to %d a side", in->width,
                     in->height, ERN_IMAGE_MAX_SIDE);
-  if (!ern_dub_within(square, (const int[4]){0, 0, in->width, in->height}) || square[2] < 1 || square[3] < 1)
-    return ern_fail(context, ERN_E_SHAPE,
-                    "dub: the square is at %d, %d with %d x %d pixels, expected one within the frame of %d x %d",
-                    square[0], square[1], square[2], square[3], in->width, in->height);
+  for (int c = 0; c < 2; c++)
+    if (square[c] < -ERN_IMAGE_MAX_SIDE || square[c] > ERN_IMAGE_MAX_SIDE || square[c + 2] < 1 ||
+        square[c + 2] > ERN_IMAGE_MAX_SIDE)
+      return ern_fail(context, ERN_E_SHAPE,
+                      "dub: the square is at %d, %d with %d x %d pixels, expected -%d to %d and 1 to %d a side",
+                      square[0], square[1], square[2], square[3], ERN_IMAGE_MAX_SIDE, ERN_IMAGE_MAX_SIDE,
+                      ERN_IMAGE_MAX_SIDE);
   for (int i = 0; i < 68; i++)
     if (!isfinite(in->landmarks[i][0]) || !isfinite(in->landmarks[i][1]))
       return ern_fail(context, ERN_E_NONFINITE, "dub: landmark %d is not finite", i);
   return ERN_OK;
 }
 
+/* x, y, width, height. */
+static bool is_within(const int inner[4], const int outer[4]) {
+  for (int c = 0; c < 2; c++) {
+    const int from = inner[c] - outer[c];
+    if (inner[c] < outer[c] || inner[c + 2] < 0 || from > outer[c + 2] || inner[c + 2] > outer[c + 2] - from)
+      return false;
+  }
+  return true;
+}
+
+/* Pixels of the head that the box needs along an axis, but for a quarter of a pixel of the frame: for rounding. */
+static int least_side(const ern_dub_input *in, int axis) {
+  return (int)ceilf(((float)in->box[axis + 2] - 0.25F) * in->head_scale[axis]);
+}
+
 static ern_status check_pictures(ern_context *context, const ern_dub_input *in) {
   const ern_image *there = in->recorded_head;
-  if (!ern_dub_within(in->box, in->square))
+  if (!is_within(in->box, (const int[4]){0, 0, in->width, in->height}) || !is_within(in->box, in->square))
     return ern_fail(context, ERN_E_SHAPE,
-                    "dub: the box is at %d, %d with %d x %d pixels, expected the one of ern_dub_box, in the square",
+                    "dub: the box is at %d, %d with %d x %d pixels, expected the one of ern_dub_box, in the square and "
+                    "the frame",
                     in->box[0], in->box[1], in->box[2], in->box[3]);
   if (in->head_width < 1 || in->head_height < 1 || in->head_width > ERN_IMAGE_MAX_SIDE ||
       in->head_height > ERN_IMAGE_MAX_SIDE)
@@ -38,19 +57,15 @@ static ern_status check_pictures(ern_context *context, const ern_dub_input *in) 
     if (!(in->head_scale[c] > 1e-3F) || !(in->head_scale[c] < 1e3F))
       return ern_fail(context, ERN_E_ARGUMENT, "dub: head_scale[%d] is %g, expected 0.001 to 1000", c,
                       (double)in->head_scale[c]);
+  const int least[2] = {least_side(in, 0), least_side(in, 1)};
+  if (in->head_width < least[0] || in->head_height < least[1])
+    return ern_fail(context, ERN_E_SHAPE,
+                    "dub: the head has %d x %d pixels, expected %d x %d: those of the box times head_scale",
+                    in->head_width, in->head_height, least[0], least[1]);
   if (there != NULL && (there->data == NULL || there->channels != 1 || there->width < 1 || there->height < 1))
     return ern_fail(context, ERN_E_SHAPE, "dub: recorded_head has %d channels, expected a picture with one",
                     there->channels);
   return ERN_OK;
-}
-
-bool ern_dub_within(const int inner[4], const int outer[4]) {
-  for (int c = 0; c < 2; c++) {
-    const int from = inner[c] - outer[c];
-    if (inner[c] < outer[c] || inner[c + 2] < 0 || from > outer[c + 2] || inner[c + 2] > outer[c + 2] - from)
-      return false;
-  }
-  return true;
 }
 
 ern_status ern_dub_box_sized(ern_context *context, const ern_dub_input *input, size_t bytes, int box[4]) {

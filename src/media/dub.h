@@ -6,8 +6,6 @@
 #include "core/status.h"
 #include "ernerf/media.h"
 
-/* x, y, width, height. */
-bool ern_dub_within(const int inner[4], const int outer[4]);
 ERN_NODISCARD ern_status ern_dub_find_box(ern_context *context, const ern_dub_input *input, int box[4]);
 /* Draws on rgba, which holds the recorded frame; the input is checked. */
 ERN_NODISCARD ern_status ern_dub_compose(ern_context *context, const ern_dub_input *input, uint8_t *rgba, bool *drawn);

@@ -46,18 +46,19 @@ cv::Mat depth_of(const cv::Mat &region) {
 
 /* A Gaussian blur; a wide one at a smaller size, which costs less and looks the same. */
 cv::Mat low_pass(const cv::Mat &picture, float deviation) {
-  const int shrink = std::max(1, (int)(deviation / 4));
-  cv::Mat out;
+  const int shrink = std::max(1, (int)(deviation / 3)), columns = (picture.cols + shrink - 1) / shrink,
+            rows = (picture.rows + shrink - 1) / shrink;
+  cv::Mat out, small;
   if (shrink == 1) {
     cv::GaussianBlur(picture, out, cv::Size(), std::max(deviation, 0.3F), 0, cv::BORDER_REPLICATE);
     return out;
   }
-  cv::Mat small;
-  const cv::Size size((picture.cols + shrink - 1) / shrink, (picture.rows + shrink - 1) / shrink);
-  cv::resize(picture, small, size, 0, 0, cv::INTER_AREA);
+  cv::copyMakeBorder(picture, out, 0, rows * shrink - picture.rows, 0, columns * shrink - picture.cols,
+                     cv::BORDER_REPLICATE); /* a whole number of small pixels: faster */
+  cv::resize(out, small, cv::Size(columns, rows), 0, 0, cv::INTER_AREA);
   cv::GaussianBlur(small, small, cv::Size(), deviation / (float)shrink, 0, cv::BORDER_REPLICATE);
-  cv::resize(small, out, picture.size(), 0, 0, cv::INTER_LINEAR);
-  return out;
+  cv::resize(small, out, out.size(), 0, 0, cv::INTER_LINEAR);
+  return out(cv::Rect(0, 0, picture.cols, picture.rows));
 }
 
 cv::Rect rect(const int at[4]) { return cv::Rect(at[0], at[1], at[2], at[3]); }
@@ -75,9 +76,9 @@ std::vector<cv::Point2f> landmarks_of(const ern_dub_input &in) {
 
 float width_of(const std::vector<cv::Point2f> &at) { return (float)cv::norm(at[16] - at[0]); }
 
-/* Empty: the face is too small, or its lower half leaves the square. */
+/* Empty: the face is too small, or its lower half leaves the square or the frame. */
 cv::Rect box_of(const ern_dub_input &in) {
-  const cv::Rect square = rect(in.square);
+  const cv::Rect square = rect(in.square) & cv::Rect(0, 0, in.width, in.height);
   const std::vector<cv::Point2f> at = landmarks_of(in);
   std::vector<cv::Point2f> lower(at.begin() + JAW_RIGHT, at.begin() + JAW_LEFT + 1);
   lower.insert(lower.end(), at.begin() + LIPS, at.begin() + LIPS_END);
@@ -118,10 +119,10 @@ cv::Mat head_recorded(const ern_dub_input &in, const face &f) {
 /* A picture in the pixels of the rendered head, in the pixels of the box. */
 cv::Mat in_box(const cv::Mat &picture, const ern_dub_input &in, const face &f, int interpolation) {
   const double sx = in.head_scale[0], sy = in.head_scale[1];
-  const cv::Matx23d where(sx, 0, 0.5 * sx - 0.5, 0, sy, 0.5 * sy - 0.5); /* pixels' centres */
+  const cv::Rect used(0, 0, (int)std::ceil(sx * f.box.width) + 2, (int)std::ceil(sy * f.box.height) + 2);
   cv::Mat out;
-  cv::warpAffine(picture, out, where, f.box.size(), interpolation | cv::WARP_INVERSE_MAP, cv::BORDER_REPLICATE);
-  return out;
+  cv::resize(picture(used & cv::Rect(cv::Point(), picture.size())), out, cv::Size(), 1 / sx, 1 / sy, interpolation);
+  return out(cv::Rect(cv::Point(), f.box.size()));
 }
 
 /* 0..255: the lower face inside the jaw and the recorded mouth, inside the recorded head, with a soft edge. */
@@ -150,66 +151,97 @@ cv::Mat mask_of(const face &f, const cv::Mat &head) {
 /* The head's colours where it is certain to be, continued outwards by normalised blurs of growing width; `there`
  * becomes 255 where there is a colour. All in the head's pixels, of which the face is `width` wide. */
 cv::Mat continue_colours(const cv::Mat &head, const cv::Mat &opacity, float width, cv::Mat &there) {
-  cv::Mat sure, colour, weight3, masked, out;
+  cv::Mat known(head.size(), CV_32FC4, cv::Scalar::all(0)), out(head.size(), CV_8UC3, cv::Scalar::all(0)); /* RGB, 1 */
   there = eroded(depth_of(opacity > 255 * sure_opacity), 0.02F * width);
-  there.convertTo(sure, CV_32F, 1 / 255.0);
-  cv::cvtColor(head, colour, cv::COLOR_RGBA2RGB);
-  colour.convertTo(colour, CV_32F);
-  cv::merge(std::vector<cv::Mat>(3, sure), weight3);
-  masked = colour.mul(weight3);
-  out = masked.clone();
-  for (float deviation = 0.01F; deviation < 0.2F; deviation *= 2) {
-    const cv::Mat weight = low_pass(sure, deviation * width);
-    cv::Mat blurred = low_pass(masked, deviation * width), use = (there == 0) & (weight > 0.08);
-    cv::merge(std::vector<cv::Mat>(3, cv::max(weight, 1e-6)), weight3);
-    cv::divide(blurred, weight3, blurred);
-    blurred.copyTo(out, use);
-    there.setTo(255, use);
+  const auto put = [&](const cv::Mat &colour, float least) { /* where there is none yet */
+                                                             for (int y = 0; y < head.rows; y++) {
+                                                               for (int x = 0; x < head.cols; x++) {
+                                                                 const cv::Vec4f &sum = colour.at<cv::Vec4f>(y, x);
+                                                                 if (there.at<uint8_t>(y, x) != 0 || !(sum[3] > least))
+                                                                   continue;
+                                                                 for (int c = 0; c < 3; c++)
+                                                                   out.at<cv::Vec3b>(y, x)[c] =
+                                                                       cv::saturate_cast<uint8_t>(sum[c] / sum[3]);
+                                                                 there.at<uint8_t>(y, x) = 255;
+                                                               }
+                                                             }
+  };
+  for (int y = 0; y < head.rows; y++) {
+    for (int x = 0; x < head.cols; x++) {
+      const cv::Vec4b &colour = head.at<cv::Vec4b>(y, x);
+      if (there.at<uint8_t>(y, x) == 0) continue;
+      known.at<cv::Vec4f>(y, x) = cv::Vec4f(colour[0], colour[1], colour[2], 1);
+      out.at<cv::Vec3b>(y, x) = cv::Vec3b(colour[0], colour[1], colour[2]);
+    }
   }
-  out.convertTo(out, CV_8U);
+  for (float deviation = 0.01F; deviation < 0.2F; deviation *= 2) put(low_pass(known, deviation * width), 0.08F);
   return out;
 }
 
-/* Adds to the head's colours the low frequencies of what the recorded skin differs by in the mask's edge. */
-void match(cv::Mat &colour, const cv::Mat &recorded, const cv::Mat &ring, float width) {
-  cv::Mat apart = cv::min(cv::max(recorded - colour, -match_most), match_most), ring3, weight3;
-  cv::merge(std::vector<cv::Mat>(3, ring), ring3);
-  apart = low_pass(apart.mul(ring3), match_deviation * width);
-  cv::merge(std::vector<cv::Mat>(3, low_pass(ring, match_deviation * width) + 1e-4), weight3);
-  cv::divide(apart, weight3, apart);
-  colour += apart;
+/* What a dubbed frame is made of, in the pixels of the box. */
+struct layers {
+  cv::Mat frame;      /* RGBA: the recorded frame */
+  cv::Mat colour;     /* RGB: of the head */
+  cv::Mat there;      /* 128..255: `colour` is known */
+  cv::Mat head_there; /* 255: the recorded head is there */
+  cv::Mat mask;       /* 0..255: the share of `colour` */
+};
+
+/* Sums over the mask's edge: in how far the recorded skin differs from the head's colours, and how many pixels. */
+cv::Mat differences(const layers &l) {
+  cv::Mat out(l.mask.size(), CV_32FC4);
+  for (int y = 0; y < out.rows; y++) {
+    const uint8_t *recorded = l.frame.ptr(y), *colour = l.colour.ptr(y), *there = l.there.ptr(y), *mask = l.mask.ptr(y),
+                  *head_there = l.head_there.ptr(y);
+    float *to = out.ptr<float>(y);
+    for (int x = 0; x < out.cols; x++, to += 4, recorded += 4, colour += 3) {
+      const float in_ring = mask[x] >= ring_low && mask[x] <= ring_high && head_there[x] != 0 && there[x] >= 128;
+      for (int c = 0; c < 3; c++)
+        to[c] = in_ring * std::clamp((float)(recorded[c] - colour[c]), -match_most, match_most);
+      to[3] = in_ring;
+    }
+  }
+  return out;
+}
+
+/* Draws the head's colours by the mask, after their low frequencies are matched to those of the recorded skin. */
+void blend(layers &l, float width) {
+  const cv::Mat apart = low_pass(differences(l), match_deviation * width);
+  for (int y = 0; y < apart.rows; y++) {
+    const uint8_t *colour = l.colour.ptr(y), *there = l.there.ptr(y), *mask = l.mask.ptr(y);
+    const float *sum = apart.ptr<float>(y);
+    uint8_t *to = l.frame.ptr(y);
+    for (int x = 0; x < apart.cols; x++, to += 4, sum += 4, colour += 3) {
+      if (mask[x] == 0) continue;
+      const float share = (float)mask[x] / 255, weight = 1 / (sum[3] + 1e-4F);
+      for (int c = 0; c < 3; c++) {
+        const float own = (float)(there[x] >= 128 ? colour[c] - to[c] : 0);
+        to[c] = cv::saturate_cast<uint8_t>((float)to[c] + share * (own + weight * sum[c]));
+      }
+    }
+  }
 }
 
 bool compose(const ern_dub_input &in, uint8_t *rgba) {
   const face f = face_of(in);
   const cv::Mat head(in.head_height, in.head_width, CV_8UC4, const_cast<uint8_t *>(in.head));
-  cv::Mat frame = cv::Mat(in.height, in.width, CV_8UC4, rgba)(f.box), recorded, opacity, there, colour, ring;
-  const cv::Mat head_there = head_recorded(in, f), mask = mask_of(f, head_there), inner = mask >= 128;
+  layers l;
+  l.frame = cv::Mat(in.height, in.width, CV_8UC4, rgba)(f.box);
+  l.head_there = head_recorded(in, f);
+  l.mask = mask_of(f, l.head_there);
+  const cv::Mat inner = l.mask >= 128;
   const int wanted = cv::countNonZero(inner);
+  cv::Mat opacity, there;
   cv::extractChannel(head, opacity, 3);
   const auto covers = [&](const cv::Mat &picture) {
-    return (float)cv::countNonZero(inner & (in_box(picture, in, f, cv::INTER_LINEAR) >= 128)) >=
-           least_cover * (float)wanted;
+    return (float)cv::countNonZero(inner & (picture >= 128)) >= least_cover * (float)wanted;
   };
-  if (wanted == 0 || !covers(opacity)) return false;
+  if (wanted == 0 || !covers(in_box(opacity, in, f, cv::INTER_LINEAR))) return false;
   const cv::Mat continued = continue_colours(head, opacity, f.width * in.head_scale[0], there);
-  if (!covers(there)) return false;
-  there = in_box(there, in, f, cv::INTER_LINEAR) >= 128;
-
-  cv::cvtColor(frame, recorded, cv::COLOR_RGBA2RGB);
-  recorded.convertTo(recorded, CV_32F);
-  in_box(continued, in, f, cv::INTER_CUBIC).convertTo(colour, CV_32F);
-  recorded.copyTo(colour, ~there);
-  cv::Mat((mask >= ring_low) & (mask <= ring_high) & head_there & there).convertTo(ring, CV_32F, 1 / 255.0);
-  match(colour, recorded, ring, f.width);
-
-  cv::Mat share, share3;
-  mask.convertTo(share, CV_32F, 1 / 255.0);
-  cv::merge(std::vector<cv::Mat>(3, share), share3);
-  cv::Mat out = recorded + share3.mul(colour - recorded), bytes;
-  out.convertTo(bytes, CV_8U);
-  const int channels[] = {0, 0, 1, 1, 2, 2};
-  cv::mixChannels(&bytes, 1, &frame, 1, channels, 3);
+  l.there = in_box(there, in, f, cv::INTER_LINEAR);
+  if (!covers(l.there)) return false;
+  l.colour = in_box(continued, in, f, cv::INTER_CUBIC);
+  blend(l, f.width);
   return true;
 }
 

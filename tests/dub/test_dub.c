@@ -119,6 +119,30 @@ static void test_scaled(void **state) {
   for (size_t i = 0; i < sizeof whole; i++) assert_true(abs(out[i] - whole[i]) <= 1);
 }
 
+/* Of the frame only the box is handed over: the same pixels. */
+static void test_part(void **state) {
+  (void)state;
+  static uint8_t part[HEIGHT * WIDTH * 3], drawn_part[HEIGHT * WIDTH * 4];
+  bool drawn = false;
+  ern_dub_input in = face_at(80, 80, FACE);
+  paint((const uint8_t[3]){40, 20, 20}, 255);
+  find_box(&in);
+  support_ok(context, ern_dub_frame(context, &in, out, &drawn));
+  const size_t left = (size_t)in.box[0], top = (size_t)in.box[1], width = (size_t)in.box[2], height = (size_t)in.box[3];
+  for (size_t y = 0; y < height; y++)
+    memcpy(part + 3 * y * width, recorded + 3 * ((top + y) * WIDTH + left), 3 * width);
+  in.recorded = part;
+  in.width = in.box[2];
+  in.height = in.box[3];
+  for (int c = 0; c < 2; c++) in.square[c] -= in.box[c];
+  find_box(&in);
+  assert_true(in.box[0] == 0 && in.box[1] == 0 && in.box[2] == in.width && in.box[3] == in.height);
+  support_ok(context, ern_dub_frame(context, &in, drawn_part, &drawn));
+  assert_true(drawn);
+  for (size_t y = 0; y < height; y++)
+    assert_memory_equal(drawn_part + 4 * y * width, out + 4 * ((top + y) * WIDTH + left), 4 * width);
+}
+
 /* What the recorded head does not cover, such as a hand before the mouth, stays as recorded. */
 static void test_recorded_head(void **state) {
   (void)state;
@@ -203,11 +227,18 @@ static void test_refused(void **state) {
   assert_int_equal(ern_dub_frame(context, &in, out, &drawn), ERN_E_NONFINITE);
   assert_false(drawn);
   in = face_at(80, 80, FACE);
-  in.square[0] = WIDTH - SQUARE + 1;
+  in.square[0] = INT32_MIN;
   assert_int_equal(ern_dub_box(context, &in, in.box), ERN_E_SHAPE);
   in = face_at(80, 80, FACE);
   find_box(&in);
   in.box[2] = INT32_MAX;
+  assert_int_equal(ern_dub_frame(context, &in, out, &drawn), ERN_E_SHAPE);
+  find_box(&in);
+  in.width = in.box[0] + in.box[2] - 1; /* in the square, but not in the frame */
+  assert_int_equal(ern_dub_frame(context, &in, out, &drawn), ERN_E_SHAPE);
+  in.width = WIDTH;
+  find_box(&in);
+  in.head_width--; /* less than the box */
   assert_int_equal(ern_dub_frame(context, &in, out, &drawn), ERN_E_SHAPE);
   find_box(&in);
   in.head_scale[1] = 0;
@@ -230,12 +261,9 @@ static int close_context(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_drawn),
-                                     cmocka_unit_test(test_matched),
-                                     cmocka_unit_test(test_scaled),
-                                     cmocka_unit_test(test_recorded_head),
-                                     cmocka_unit_test(test_left_as_recorded),
-                                     cmocka_unit_test(test_any_landmarks),
-                                     cmocka_unit_test(test_refused)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_drawn),         cmocka_unit_test(test_matched),
+                                     cmocka_unit_test(test_scaled),        cmocka_unit_test(test_part),
+                                     cmocka_unit_test(test_recorded_head), cmocka_unit_test(test_left_as_recorded),
+                                     cmocka_unit_test(test_any_landmarks), cmocka_unit_test(test_refused)};
   return cmocka_run_group_tests(tests, open_context, close_context);
 }

@@ -44,7 +44,7 @@ struct dub_job {
   float *windows;
   struct dubbed_frame dubbed;
   bool in_place;      /* outside `region` the recorded pixels are coded as they were decoded */
-  int region[4];      /* x, y, width, height of what is composed, pixels of the video: the square, or all */
+  int region[4];      /* x, y, width, height of what is composed, pixels of the video: the box, or all */
   ern_image recorded; /* the region of a recorded frame */
   size_t left;        /* frames that were left as recorded */
 };
@@ -195,19 +195,13 @@ static int open_sound(struct dub_job *job) {
   return ern_sound_read(session->context, job->audio, &job->sound) == ERN_OK ? 0 : session_fail(session);
 }
 
-/* What is composed: with a label or a watermark, and where a frame is not coded as it was decoded, all of it. Else the
- * square, grown to even numbers. */
+/* What is composed: with a label or a watermark, and where a frame is not coded as it was decoded, all of it. Else its
+ * box (choose_box). */
 static void choose_region(struct dub_job *job) {
   const ern_video_info *info = &job->video.info;
-  const int *square = job->video.square;
   job->in_place = ern_video_frame_is_plain(job->video.window[0].frame) && sink_takes_recorded(&job->sink) &&
                   job->label.pixels == NULL && job->watermark.pattern == NULL;
-  const int all[4] = {0, 0, info->width, info->height};
-  memcpy(job->region, all, sizeof all);
-  for (int c = 0; c < 2 && job->in_place; c++) {
-    job->region[c] = square[c] & ~1;
-    job->region[c + 2] = ((square[c] + square[c + 2] + 1) & ~1) - job->region[c];
-  }
+  memcpy(job->region, (const int[4]){0, 0, info->width, info->height}, sizeof job->region);
 }
 
 static int open_all(struct dub_job *job, const struct args *args) {
@@ -275,23 +269,21 @@ static ern_status compose(struct dub_job *job, size_t k, uint8_t *rgba) {
                                  .individual = ERN_INDIVIDUAL_MEAN,
                                  .silence_code = job->silence_pose.code,
                                  .silence_weight = silence_pose_weight(&job->silence_pose, frame_source, k)};
-  const ern_status status =
-      dubbed_frame_draw(dubbed, job->portrait.renderer, frame_source, k, &whole, &job->recorded, square, rgba, NULL);
-  job->left += dubbed->box[2] == 0;
-  return status;
+  return dubbed_frame_draw(dubbed, job->portrait.renderer, frame_source, k, &whole, &job->recorded, square, rgba, NULL);
 }
 
-/* rgba, [height][width][4] of the region, becomes its part in the box, grown to even numbers. part: where that is in
- * the frame. */
-static void cut_part(const struct dub_job *job, const int box[4], uint8_t *rgba, int part[4]) {
-  const int left = box[0] & ~1, top = box[1] & ~1;
-  part[0] = job->region[0] + left;
-  part[1] = job->region[1] + top;
-  part[2] = box[2] > 0 ? ((box[0] + box[2] + 1) & ~1) - left : 0;
-  part[3] = ((box[1] + box[3] + 1) & ~1) - top;
-  const size_t bytes = (size_t)part[2] * 4, row = (size_t)job->region[2] * 4;
-  for (size_t y = 0; bytes > 0 && y < (size_t)part[3]; y++)
-    memmove(rgba + y * bytes, rgba + ((size_t)top + y) * row + (size_t)left * 4, bytes);
+/* job->region = the box of frame k, grown to even numbers; no width: there is none. */
+static int choose_box(struct dub_job *job, size_t k) {
+  const ern_video_info *info = &job->video.info;
+  int *region = job->region, box[4];
+  if (dubbed_frame_box(&job->dubbed, &job->frame_source, k, info->width, info->height, job->video.square, box) !=
+      ERN_OK)
+    return session_fail_with(&job->session, "frame %zu: %s", k, ern_last_error(job->session.context));
+  for (int c = 0; c < 2; c++) {
+    region[c] = box[c] & ~1;
+    region[c + 2] = box[c + 2] > 0 ? ((box[c] + box[c + 2] + 1) & ~1) - region[c] : 0;
+  }
+  return 0;
 }
 
 /* The region of a recorded frame, into job->recorded. */
@@ -302,15 +294,15 @@ static int read_region(struct dub_job *job, const ern_video_frame *recorded) {
 static int draw(struct dub_job *job, size_t k, const ern_video_frame *recorded) {
   struct session *session = &job->session;
   ern_frame_output output;
-  int part[4];
-  if (read_region(job, recorded) != 0) return EXIT_FAILURE;
+  if (job->in_place && choose_box(job, k) != 0) return EXIT_FAILURE;
+  const bool any = job->region[2] > 0;
+  if (any && read_region(job, recorded) != 0) return EXIT_FAILURE;
   if (sink_next(&job->sink, session, &output) != 0) return EXIT_FAILURE;
-  if (compose(job, k, output.rgba) != ERN_OK)
+  if (any && compose(job, k, output.rgba) != ERN_OK)
     return session_fail_with(session, "frame %zu: %s", k, ern_last_error(session->context));
-  if (job->in_place) {
-    cut_part(job, job->dubbed.box, output.rgba, part);
-    return sink_put_patched(&job->sink, session, recorded, part);
-  }
+  const bool drawn = any && job->dubbed.box[2] > 0;
+  job->left += !drawn;
+  if (job->in_place) return sink_put_patched(&job->sink, session, recorded, drawn ? job->region : (const int[4]){0});
   if (watermark_put(&job->watermark, session, output.rgba) != 0) return EXIT_FAILURE;
   label_put(&job->label, seconds_of(job, k), output.rgba, job->video.info.width);
   sink_put(&job->sink, job->frame_source.source_frame[k].number);

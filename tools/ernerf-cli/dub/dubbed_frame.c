@@ -39,6 +39,14 @@ static void place_landmarks(const struct dubbed_frame *dubbed, const struct fram
                         (float)dubbed->clip_size[c];
 }
 
+ern_status dubbed_frame_box(const struct dubbed_frame *dubbed, const struct frame_source *frame_source, size_t k,
+                            int width, int height, const int square[4], int box[4]) {
+  ern_dub_input dub = {.width = width, .height = height};
+  memcpy(dub.square, square, sizeof dub.square);
+  place_landmarks(dubbed, frame_source, k, dub.landmarks);
+  return ern_dub_box(dubbed->context, &dub, box);
+}
+
 /* The part of the whole square's view that is in dub->box. */
 static ern_camera cut_camera(const struct dubbed_frame *dubbed, const ern_camera *whole, const ern_dub_input *dub) {
   const float left = (float)(dub->box[0] - dub->square[0]) * dubbed->scale[0],

@@ -23,6 +23,10 @@ struct dubbed_frame {
  * time and show nothing new. Returns 0, or EXIT_FAILURE after a message. */
 int dubbed_frame_open(struct dubbed_frame *dubbed, struct session *session, ern_clip *clip, const char *folder,
                       const int square[4]);
+/* box: x, y, width, height of what may be drawn on in frame k, pixels of a recorded frame of width x height, in which
+ * the clip's square is at `square`; no width: nothing. */
+ern_status dubbed_frame_box(const struct dubbed_frame *dubbed, const struct frame_source *frame_source, size_t k,
+                            int width, int height, const int square[4], int box[4]);
 /* rgba, [height][width][4] of `recorded`: that picture with the head of frame k. square: where
  * the clip's square is in it. whole: the frame, whose camera sees the whole square in `size` pixels; background and
  * torso are not drawn. */
