@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * `ernerf dub` on a made-up clip with its video: size, rate, length and sound of the output, which is the recorded
  * video outside the lower face; and what is refused. The record of `ernerf prepare` is written here. */
+#include <libavformat/avformat.h>
 #include <math.h>
 #include <time.h>
 
@@ -43,7 +44,7 @@ static int make_all(void **state) {
   cli_expect(&cli, 0, NULL);
   cli_run(&cli, "synth longer --size 64 --frames %d --seed 4 --quiet", LONGER);
   cli_expect(&cli, 0, NULL);
-  cli_run(&cli, "synth shorter --size 64 --frames %d --seed 4 --quiet", SHORTER);
+  cli_run(&cli, "synth shorter --size 64 --frames %d --seed 4 --video shorter.mp4 --quiet", SHORTER);
   cli_expect(&cli, 0, NULL);
   return 0;
 }
@@ -268,6 +269,37 @@ static void test_part(void **state) {
 #undef PART_DUB
 }
 
+/* Copies the packets of a file: of the pictures not those from number `gone` up to `next`, and the sound `late` seconds
+ * later. */
+static void copy_packets(const char *from, const char *to, int64_t gone, int64_t next, double late) {
+  AVFormatContext *in = NULL, *out = NULL;
+  AVPacket *packet = av_packet_alloc();
+  int64_t pictures = 0;
+  assert_true(packet != NULL && avformat_open_input(&in, from, NULL, NULL) >= 0);
+  assert_true(avformat_alloc_output_context2(&out, NULL, "matroska", to) >= 0);
+  for (unsigned i = 0; i < in->nb_streams; i++) {
+    AVStream *stream = avformat_new_stream(out, NULL);
+    assert_true(stream != NULL && avcodec_parameters_copy(stream->codecpar, in->streams[i]->codecpar) >= 0);
+    stream->codecpar->codec_tag = 0;
+  }
+  assert_true(avio_open(&out->pb, to, AVIO_FLAG_WRITE) >= 0 && avformat_write_header(out, NULL) >= 0);
+  while (av_read_frame(in, packet) >= 0) {
+    const int i = packet->stream_index;
+    const bool sound = in->streams[i]->codecpar->codec_type == AVMEDIA_TYPE_AUDIO;
+    const bool left_out = !sound && pictures >= gone && pictures < next;
+    pictures += !sound;
+    av_packet_rescale_ts(packet, in->streams[i]->time_base, out->streams[i]->time_base);
+    if (sound) packet->pts = packet->dts += llround(1000 * late); /* the container's clock: 1 ms */
+    if (!left_out) assert_true(av_interleaved_write_frame(out, packet) >= 0);
+    av_packet_unref(packet);
+  }
+  assert_true(av_write_trailer(out) >= 0);
+  avio_closep(&out->pb);
+  avformat_free_context(out);
+  avformat_close_input(&in);
+  av_packet_free(&packet);
+}
+
 /* Frame k is grey, 15 k. */
 static void write_grey(const char *path, double pixel_aspect) {
   static uint8_t rgba[SIDE * SIDE * 4];
@@ -275,6 +307,7 @@ static void write_grey(const char *path, double pixel_aspect) {
   ern_video_options options = ern_video_options_default(SIDE, SIDE);
   ern_video_writer *writer = NULL;
   options.pixel_aspect = pixel_aspect;
+  if (strstr(path, ".mkv") != NULL) options.codec = "ffv1"; /* which has no frames that need later ones */
   support_ok(context, ern_video_writer_open(context, path, &options, &writer));
   for (int k = 0; k < FRAMES; k++) {
     memset(rgba, 15 * k, sizeof rgba);
@@ -306,6 +339,26 @@ static void test_between(void **state) {
   ern_video_reader_info(reader, &info);
   assert_true(fabs(info.pixel_aspect - 4.0 / 3) < 1e-9);
   ern_video_reader_free(&reader);
+  ern_context_free(&context);
+}
+
+/* A video of variable rate whose last frame is shown long, as in the clip: its last frames are that one. */
+static void test_variable_rate(void **state) {
+  (void)state;
+  static uint8_t last[SIDE * SIDE / 4 * 3], before[SIDE * SIDE / 4 * 3];
+  ern_context *context = support_context();
+  char hash[65];
+  write_grey("steady.mkv", 1);
+  copy_packets("steady.mkv", "variable.mkv", 8, FRAMES - 1, 0);
+  support_ok(context, ern_file_sha256(context, "variable.mkv", hash));
+  write_record(hash, 0.2, 0);
+  cli_run(&cli,
+          "dub h.safetensors variable.mkv --clip clip --audio shorter/aud.wav -o variable.mp4 -y --quiet --json -");
+  cli_expect(&cli, 0, NULL);
+  assert_int_equal(report_number("frames"), FRAMES);
+  read_top("variable.mp4", (FRAMES - 1) / 25.0, last);
+  read_top("variable.mp4", 10 / 25.0, before); /* of second 0.6 of the video, its last */
+  assert_in_range(last[0], before[0] - 1, before[0] + 1);
   ern_context_free(&context);
 }
 
@@ -377,10 +430,10 @@ static void test_refused(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_dub),         cmocka_unit_test(test_replaced),
-                                     cmocka_unit_test(test_for_dub),     cmocka_unit_test(test_eval),
-                                     cmocka_unit_test(test_longer),      cmocka_unit_test(test_shorter),
-                                     cmocka_unit_test(test_part),        cmocka_unit_test(test_between),
-                                     cmocka_unit_test(test_frame_lacks), cmocka_unit_test(test_refused)};
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test(test_dub),     cmocka_unit_test(test_replaced),     cmocka_unit_test(test_for_dub),
+      cmocka_unit_test(test_eval),    cmocka_unit_test(test_longer),       cmocka_unit_test(test_shorter),
+      cmocka_unit_test(test_part),    cmocka_unit_test(test_between),      cmocka_unit_test(test_frame_lacks),
+      cmocka_unit_test(test_refused), cmocka_unit_test(test_variable_rate)};
   return cmocka_run_group_tests(tests, make_all, NULL);
 }
