@@ -300,6 +300,74 @@ static void copy_packets(const char *from, const char *to, int64_t gone, int64_t
   av_packet_free(&packet);
 }
 
+/* Mean square of a channel between two seconds. */
+static double power(const ern_sound *sound, int channel, double from, double to) {
+  double sum = 0;
+  const size_t first = (size_t)(from * sound->rate), past = (size_t)(to * sound->rate);
+  assert_true(past <= sound->frames && channel < sound->channels);
+  for (size_t i = first; i < past; i++) {
+    const double value = sound->data[i * (size_t)sound->channels + (size_t)channel];
+    sum += value * value;
+  }
+  return sum / (double)(past - first);
+}
+
+/* words.wav: two channels of 0.36 s, a tone in the left one. */
+static void write_words(int rate) {
+  ern_context *context = support_context();
+  ern_sound sound = {.rate = rate, .channels = 2, .frames = (size_t)(SHORTER * rate / 25)};
+  sound.data = calloc(2 * sound.frames, sizeof *sound.data);
+  assert_non_null(sound.data);
+  for (size_t i = 0; i < sound.frames; i++) sound.data[2 * i] = (int16_t)(8000 * sin(0.3 * (double)i));
+  support_ok(context, ern_sound_write_wav(context, "words.wav", &sound));
+  free(sound.data);
+  ern_context_free(&context);
+}
+
+/* The words keep their channels and their rate, and the recorded sound after them is as loud as it was. */
+static void test_better_sound(void **state) {
+  (void)state;
+  ern_context *context = support_context();
+  ern_sound sound = {0}, recorded = {0};
+  write_record(NULL, 0, 0);
+  write_words(48000);
+  cli_run(&cli, "dub h.safetensors clip.mp4 --clip clip --audio words.wav -o better.mp4 -y --quiet");
+  cli_expect(&cli, 0, NULL);
+  support_ok(context, ern_sound_read(context, "better.mp4", &sound));
+  support_ok(context, ern_sound_read(context, "clip.mp4", &recorded));
+  assert_true(sound.rate == 48000 && sound.channels == 2 && recorded.channels == 1);
+  assert_true(power(&sound, 0, 0.05, 0.3) > 2e7 && power(&sound, 1, 0.05, 0.3) < 2e5);
+  const double loud = power(&recorded, 0, 0.42, 0.6);
+  for (int c = 0; c < 2; c++) assert_true(fabs(power(&sound, c, 0.42, 0.6) / loud - 1) < 0.1); /* AAC coded twice */
+  ern_sound_free(context, &sound);
+  ern_sound_free(context, &recorded);
+  ern_context_free(&context);
+}
+
+/* Words of a video whose sound begins later than its pictures: the mouth waits for them, and so does the sound. */
+static void test_late_words(void **state) {
+  (void)state;
+  ern_context *context = support_context();
+  ern_sound sound = {0}, words = {0};
+  double loud = 0, apart = 0;
+  write_record(NULL, 0, 0);
+  copy_packets("shorter.mp4", "late.mkv", 0, 0, 0.12);
+  cli_run(&cli, "dub h.safetensors clip.mp4 --clip clip --audio late.mkv -o late.mp4 -y --quiet --json -");
+  cli_expect(&cli, 0, NULL);
+  assert_true(report_number("rest") > 0);
+  support_ok(context, ern_sound_read(context, "late.mp4", &sound));
+  support_ok(context, ern_sound_read(context, "late.mkv", &words));
+  assert_int_equal(sound.rate, words.rate);
+  for (size_t i = 0; i < (size_t)(0.4 * sound.rate); i++) {
+    loud += words.data[i] * words.data[i];
+    apart += (sound.data[i] - words.data[i]) * (sound.data[i] - words.data[i]);
+  }
+  assert_true(loud > 0 && apart < 0.1 * loud); /* AAC coded twice: 10 dB */
+  ern_sound_free(context, &sound);
+  ern_sound_free(context, &words);
+  ern_context_free(&context);
+}
+
 /* Frame k is grey, 15 k. */
 static void write_grey(const char *path, double pixel_aspect) {
   static uint8_t rgba[SIDE * SIDE * 4];
@@ -431,9 +499,10 @@ static void test_refused(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_dub),     cmocka_unit_test(test_replaced),     cmocka_unit_test(test_for_dub),
-      cmocka_unit_test(test_eval),    cmocka_unit_test(test_longer),       cmocka_unit_test(test_shorter),
-      cmocka_unit_test(test_part),    cmocka_unit_test(test_between),      cmocka_unit_test(test_frame_lacks),
-      cmocka_unit_test(test_refused), cmocka_unit_test(test_variable_rate)};
+      cmocka_unit_test(test_dub),          cmocka_unit_test(test_replaced),     cmocka_unit_test(test_for_dub),
+      cmocka_unit_test(test_eval),         cmocka_unit_test(test_longer),       cmocka_unit_test(test_shorter),
+      cmocka_unit_test(test_part),         cmocka_unit_test(test_between),      cmocka_unit_test(test_frame_lacks),
+      cmocka_unit_test(test_refused),      cmocka_unit_test(test_better_sound), cmocka_unit_test(test_late_words),
+      cmocka_unit_test(test_variable_rate)};
   return cmocka_run_group_tests(tests, make_all, NULL);
 }
