@@ -430,6 +430,30 @@ static void test_variable_rate(void **state) {
   ern_context_free(&context);
 }
 
+/* Segments of a dubbed video say which frames they have, and which of their own seconds are synthetic. */
+static void test_segments(void **state) {
+  (void)state;
+#define SEGMENT "dub h.safetensors clip.mp4 --clip clip --audio shorter/aud.wav -y --quiet "
+  write_record(NULL, 0, 0);
+  assert_int_equal(system("rm -rf parts; mkdir parts"), 0);
+  cli_run(&cli, SEGMENT "--frames 0:4 -o parts/b.mp4");
+  cli_expect(&cli, 0, NULL);
+  cli_run(&cli, SEGMENT "--frames 4:8 -o parts/a.mp4");
+  cli_expect(&cli, 0, NULL);
+  cli_run(&cli, "join parts -o joined.mp4 -y");
+  cli_expect(&cli, 1, "parts/b.mp4: begins with frame 0, expected 8", NULL);
+  assert_int_equal(system("cd parts; for f in a.mp4*; do mv $f c${f#a}; done"), 0);
+  cli_run(&cli, "join parts -o joined.mp4 -y");
+  cli_expect(&cli, 0, NULL);
+  json_t *about = cli_json(&cli, "joined.mp4.provenance.json");
+  assert_null(json_object_get(about, "synthetic_seconds"));
+  assert_int_equal(json_integer_value(json_object_get(about, "frames")), 8);
+  for (size_t k = 0; k < 2; k++)
+    assert_non_null(json_object_get(json_array_get(json_object_get(about, "segments"), k), "synthetic_seconds"));
+  json_decref(about);
+#undef SEGMENT
+}
+
 /* A video that gets another's name while the program starts: the prepared one is dubbed, or none. */
 static void test_replaced(void **state) {
   (void)state;
@@ -499,10 +523,10 @@ static void test_refused(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_dub),          cmocka_unit_test(test_replaced),     cmocka_unit_test(test_for_dub),
-      cmocka_unit_test(test_eval),         cmocka_unit_test(test_longer),       cmocka_unit_test(test_shorter),
-      cmocka_unit_test(test_part),         cmocka_unit_test(test_between),      cmocka_unit_test(test_frame_lacks),
-      cmocka_unit_test(test_refused),      cmocka_unit_test(test_better_sound), cmocka_unit_test(test_late_words),
-      cmocka_unit_test(test_variable_rate)};
+      cmocka_unit_test(test_dub),           cmocka_unit_test(test_replaced),     cmocka_unit_test(test_for_dub),
+      cmocka_unit_test(test_eval),          cmocka_unit_test(test_longer),       cmocka_unit_test(test_shorter),
+      cmocka_unit_test(test_part),          cmocka_unit_test(test_between),      cmocka_unit_test(test_frame_lacks),
+      cmocka_unit_test(test_refused),       cmocka_unit_test(test_better_sound), cmocka_unit_test(test_late_words),
+      cmocka_unit_test(test_variable_rate), cmocka_unit_test(test_segments)};
   return cmocka_run_group_tests(tests, make_all, NULL);
 }

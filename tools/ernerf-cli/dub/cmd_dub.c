@@ -31,6 +31,7 @@ struct dub_job {
   const char *video_path, *audio, *out;
   float from, to; /* seconds of the video; to: 0 for the clip's end */
   int cut;        /* whether the output ends with the words */
+  bool counted;   /* --frames: the output is a segment, whose frames are numbered as those of the whole */
   /* made */
   struct recorded_video video;
   struct sink sink;
@@ -178,6 +179,7 @@ static int open_frames(struct dub_job *job, const struct args *args) {
   struct session *session = &job->session;
   const size_t windows = job->features.windows;
   size_t end = 0;
+  job->counted = args_given(args, "frames");
   int status = frame_source_of_clip(&job->frame_source, session, job->portrait.clip, FRAME_SOURCE_ALL);
   if (status == 0) status = check_whole(job);
   if (status == 0) status = choose_part(job, args, &job->begin, &end);
@@ -188,7 +190,7 @@ static int open_frames(struct dub_job *job, const struct args *args) {
   if (job->turns > 0) status = recorded_video_keep(&job->video, session);
   if (status == 0) status = frame_source_replay(&job->frame_source, session, windows, job->order);
   if (status == 0) status = frame_source_resample(&job->frame_source, session, job->rate, &job->features);
-  if (status == 0 && !job->cut && !args_given(args, "frames") && end - job->begin > windows)
+  if (status == 0 && !job->cut && !job->counted && end - job->begin > windows)
     job->rest = rate_frames(job->rate, end - job->begin) - job->frame_source.count;
   return status == 0 ? portrait_cut(&job->portrait, session, args, &job->frame_source, &job->features) : status;
 }
@@ -434,9 +436,11 @@ static json_t *about_output(const struct dub_job *job, size_t frames) {
   const char *slash = strrchr(job->out, '/'), *folder = strrchr(job->video_path, '/');
   char rate[RATE_TEXT_BYTES];
   rate_words(job->rate, rate);
-  return json_pack("{s:o, s:I, s:s, s:i, s:i, s:b, s:o, s:[[o,o]]}", "output",
-                   session_text(slash != NULL ? slash + 1 : job->out), "frames", (json_int_t)frames, "rate", rate,
-                   "width", job->video.info.width, "height", job->video.info.height, "sound", 1, "recorded",
+  const json_int_t first = (json_int_t)job->frame_source.source_frame[0].number;
+  return json_pack("{s:o, s:o*, s:I, s:s, s:i, s:i, s:b, s:o, s:[[o,o]]}", "output",
+                   session_text(slash != NULL ? slash + 1 : job->out), "first_frame",
+                   job->counted ? json_integer(first) : NULL, "frames", (json_int_t)frames, "rate", rate, "width",
+                   job->video.info.width, "height", job->video.info.height, "sound", 1, "recorded",
                    session_text(folder != NULL ? folder + 1 : job->video_path), "synthetic_seconds", session_number(0),
                    session_number(synthetic_seconds(job)));
 }
