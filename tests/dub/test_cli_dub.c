@@ -430,6 +430,30 @@ static void test_variable_rate(void **state) {
   ern_context_free(&context);
 }
 
+/* Words that are replaced while the program starts: the mouth might say the old ones, and the sound the new ones. The
+ * record of the clip is a pipe, which the program waits for. */
+static void test_words_change(void **state) {
+  (void)state;
+  size_t count = 0;
+  write_record(NULL, 0, 0);
+  uint8_t *record = cli_bytes("clip/prepare.json", &count);
+  assert_int_equal(remove("clip/prepare.json") | mkfifo("clip/prepare.json", 0600), 0);
+  assert_int_equal(system("cp shorter/aud.wav changed.wav; cp longer/aud.wav next.wav"), 0);
+  snprintf(cli.line, sizeof cli.line, "dub h.safetensors clip.mp4 --clip clip --audio changed.wav -o none.mp4 --quiet");
+  cli_start(&cli, NULL, 0);
+  FILE *pipe = fopen("clip/prepare.json", "wb"); /* waits for its reader */
+  assert_non_null(pipe);
+  assert_int_equal(rename("next.wav", "changed.wav"), 0);
+  assert_int_equal(fwrite(record, 1, count, pipe), count);
+  fclose(pipe);
+  assert_int_equal(remove("clip/prepare.json"), 0);
+  support_write("clip/prepare.json", record, count);
+  free(record);
+  cli_wait(&cli);
+  cli_expect(&cli, 1, "changed.wav: was changed while it was read", NULL);
+  assert_false(cli_there("none.mp4"));
+}
+
 /* Segments of a dubbed video say which frames they have, and which of their own seconds are synthetic. */
 static void test_segments(void **state) {
   (void)state;
@@ -527,6 +551,6 @@ int main(void) {
       cmocka_unit_test(test_eval),          cmocka_unit_test(test_longer),       cmocka_unit_test(test_shorter),
       cmocka_unit_test(test_part),          cmocka_unit_test(test_between),      cmocka_unit_test(test_frame_lacks),
       cmocka_unit_test(test_refused),       cmocka_unit_test(test_better_sound), cmocka_unit_test(test_late_words),
-      cmocka_unit_test(test_variable_rate), cmocka_unit_test(test_segments)};
+      cmocka_unit_test(test_variable_rate), cmocka_unit_test(test_words_change), cmocka_unit_test(test_segments)};
   return cmocka_run_group_tests(tests, make_all, NULL);
 }

@@ -268,6 +268,7 @@ static int open_all(struct dub_job *job, const struct args *args) {
   if (status == 0) status = provenance_learn(&job->provenance, session, portrait, job->audio, false);
   if (status == 0) status = label_make(&job->label, session, info->width, info->height);
   if (status == 0) status = watermark_make(&job->watermark, session, info->width, info->height);
+  if (status == 0) status = session_check_inputs_kept(session);
   if (status != 0) return status;
   choose_region(job);
   job->sink.pixel_aspect = info->pixel_aspect;
