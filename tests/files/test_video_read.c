@@ -212,11 +212,40 @@ static void test_cut_between_packets(void **state) {
   ern_release(context, bytes);
 }
 
+/* A file that ends within a packet: the same, but with a warning also where less than a second is missing. */
+static void test_cut_within_a_packet(void **state) {
+  (void)state;
+  uint8_t *bytes = NULL;
+  size_t count = 0, frames = 0;
+  int64_t cut = 0;
+  ern_video_reader *reader = NULL;
+  ern_image image = {0};
+  ern_sound sound = {0};
+  double seconds = 0;
+  write_clicks("clicks.mp4");
+  remux("clicks.mp4", "whole.mp4", 0, 3.9, &cut);
+  support_ok(context, ern_file_read(context, "whole.mp4", 1 << 24, &bytes, &count));
+  support_write("inside.mp4", bytes, (size_t)cut - 10);
+  warned[0] = 0;
+  support_ok(context, ern_video_reader_open(context, "inside.mp4", &reader));
+  for (bool end = false; !end; frames += !end)
+    support_ok(context, ern_video_reader_frame(reader, &image, &seconds, &end));
+  ern_video_reader_free(&reader);
+  assert_in_range(frames, 90, 99);
+  assert_non_null(strstr(warned, "inside.mp4: is cut short: its last packet is not whole, and is left out"));
+  support_ok(context, ern_sound_read(context, "inside.mp4", &sound)); /* it passes over packets of pictures */
+  assert_in_range(sound.frames, (size_t)(3.5 * sound.rate), (size_t)(4 * sound.rate));
+  ern_sound_free(context, &sound);
+  ern_image_free(context, &image);
+  ern_release(context, bytes);
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(test_display_matrix),
       cmocka_unit_test(test_sound_and_picture_in_step),
       cmocka_unit_test(test_cut_between_packets),
+      cmocka_unit_test(test_cut_within_a_packet),
   };
   return cmocka_run_group_tests_name("video_read", tests, set_up, tear_down);
 }
