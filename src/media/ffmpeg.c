@@ -23,6 +23,8 @@ static bool is_of_the_system(int error) {
 ern_status ern_av_fail(ern_context *context, ern_status otherwise, const char *path, const char *doing, int error) {
   char reason[AV_ERROR_MAX_STRING_SIZE];
   if (av_strerror(error, reason, sizeof reason) < 0) snprintf(reason, sizeof reason, "error %d", error);
+  if (error == AVERROR(EIO) && strstr(path, "://") != NULL) /* FFmpeg says no more of an address */
+    snprintf(reason, sizeof reason, "its host is not known, or nobody answers there");
   ern_status code = is_of_the_system(error) ? ERN_E_IO : otherwise;
   if (error == AVERROR(ENOMEM)) code = ERN_E_NO_MEMORY;
   if (error == AVERROR(ENOENT) || error == AVERROR(ENOTDIR)) code = ERN_E_MISSING;
