@@ -269,12 +269,12 @@ static void test_part(void **state) {
 #undef PART_DUB
 }
 
-/* Copies the packets of a file: of the pictures not those from number `gone` up to `next`, and the sound `late` seconds
- * later. */
-static void copy_packets(const char *from, const char *to, int64_t gone, int64_t next, double late) {
+/* Copies the packets of a file: of the pictures not those from number `gone` up to `next`, and the sound from packet
+ * `after` on `late` seconds later. */
+static void copy_packets(const char *from, const char *to, int64_t gone, int64_t next, int64_t after, double late) {
   AVFormatContext *in = NULL, *out = NULL;
   AVPacket *packet = av_packet_alloc();
-  int64_t pictures = 0;
+  int64_t pictures = 0, sounds = 0;
   assert_true(packet != NULL && avformat_open_input(&in, from, NULL, NULL) >= 0);
   assert_true(avformat_alloc_output_context2(&out, NULL, "matroska", to) >= 0);
   for (unsigned i = 0; i < in->nb_streams; i++) {
@@ -289,7 +289,7 @@ static void copy_packets(const char *from, const char *to, int64_t gone, int64_t
     const bool left_out = !sound && pictures >= gone && pictures < next;
     pictures += !sound;
     av_packet_rescale_ts(packet, in->streams[i]->time_base, out->streams[i]->time_base);
-    if (sound) packet->pts = packet->dts += llround(1000 * late); /* the container's clock: 1 ms */
+    if (sound && sounds++ >= after) packet->pts = packet->dts += llround(1000 * late); /* the container's clock: 1 ms */
     if (!left_out) assert_true(av_interleaved_write_frame(out, packet) >= 0);
     av_packet_unref(packet);
   }
@@ -351,7 +351,7 @@ static void test_late_words(void **state) {
   ern_sound sound = {0}, words = {0};
   double loud = 0, apart = 0;
   write_record(NULL, 0, 0);
-  copy_packets("shorter.mp4", "late.mkv", 0, 0, 0.12);
+  copy_packets("shorter.mp4", "late.mkv", 0, 0, 0, 0.12);
   cli_run(&cli, "dub h.safetensors clip.mp4 --clip clip --audio late.mkv -o late.mp4 -y --quiet --json -");
   cli_expect(&cli, 0, NULL);
   assert_true(report_number("rest") > 0);
@@ -410,6 +410,16 @@ static void test_between(void **state) {
   ern_context_free(&context);
 }
 
+/* Words with a gap are read for the mouth and for the sound: the gap is told once. */
+static void test_told_once(void **state) {
+  (void)state;
+  write_record(NULL, 0, 0);
+  copy_packets("shorter.mp4", "gap.mkv", 0, 0, 3, 0.12);
+  cli_run(&cli, "dub h.safetensors clip.mp4 --clip clip --audio gap.mkv -o gap.mp4 -y --quiet --frames 0:1");
+  cli_expect(&cli, 0, "warning: gap.mkv: at 0.", NULL);
+  assert_null(strstr(strstr(cli.err, "gap.mkv: at ") + 1, "gap.mkv: at "));
+}
+
 /* A video of variable rate whose last frame is shown long, as in the clip: its last frames are that one. */
 static void test_variable_rate(void **state) {
   (void)state;
@@ -417,7 +427,7 @@ static void test_variable_rate(void **state) {
   ern_context *context = support_context();
   char hash[65];
   write_grey("steady.mkv", 1);
-  copy_packets("steady.mkv", "variable.mkv", 8, FRAMES - 1, 0);
+  copy_packets("steady.mkv", "variable.mkv", 8, FRAMES - 1, 0, 0);
   support_ok(context, ern_file_sha256(context, "variable.mkv", hash));
   write_record(hash, 0.2, 0);
   cli_run(&cli,
@@ -547,10 +557,11 @@ static void test_refused(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_dub),           cmocka_unit_test(test_replaced),     cmocka_unit_test(test_for_dub),
-      cmocka_unit_test(test_eval),          cmocka_unit_test(test_longer),       cmocka_unit_test(test_shorter),
-      cmocka_unit_test(test_part),          cmocka_unit_test(test_between),      cmocka_unit_test(test_frame_lacks),
-      cmocka_unit_test(test_refused),       cmocka_unit_test(test_better_sound), cmocka_unit_test(test_late_words),
-      cmocka_unit_test(test_variable_rate), cmocka_unit_test(test_words_change), cmocka_unit_test(test_segments)};
+      cmocka_unit_test(test_dub),       cmocka_unit_test(test_replaced),      cmocka_unit_test(test_for_dub),
+      cmocka_unit_test(test_eval),      cmocka_unit_test(test_longer),        cmocka_unit_test(test_shorter),
+      cmocka_unit_test(test_part),      cmocka_unit_test(test_between),       cmocka_unit_test(test_frame_lacks),
+      cmocka_unit_test(test_refused),   cmocka_unit_test(test_better_sound),  cmocka_unit_test(test_late_words),
+      cmocka_unit_test(test_told_once), cmocka_unit_test(test_variable_rate), cmocka_unit_test(test_words_change),
+      cmocka_unit_test(test_segments)};
   return cmocka_run_group_tests(tests, make_all, NULL);
 }
