@@ -130,6 +130,28 @@ static void remux(const char *from, const char *to, double later, double until, 
   av_dict_free(&options);
 }
 
+/* Copies the pictures of a file to Matroska, which says that they are interlaced. */
+static void copy_as_interlaced(const char *from, const char *to) {
+  AVFormatContext *in = NULL, *out = NULL;
+  AVPacket *packet = av_packet_alloc();
+  assert_true(avformat_open_input(&in, from, NULL, NULL) >= 0);
+  assert_true(avformat_alloc_output_context2(&out, NULL, "matroska", to) >= 0);
+  AVStream *stream = avformat_new_stream(out, NULL);
+  assert_true(avcodec_parameters_copy(stream->codecpar, in->streams[0]->codecpar) >= 0);
+  stream->codecpar->field_order = AV_FIELD_TT;
+  assert_true(avio_open(&out->pb, to, AVIO_FLAG_WRITE) >= 0 && avformat_write_header(out, NULL) >= 0);
+  while (av_read_frame(in, packet) >= 0) {
+    av_packet_rescale_ts(packet, in->streams[0]->time_base, stream->time_base);
+    assert_true(packet->stream_index == 0 && av_write_frame(out, packet) >= 0);
+    av_packet_unref(packet);
+  }
+  assert_true(av_write_trailer(out) >= 0);
+  avio_closep(&out->pb);
+  avformat_free_context(out);
+  avformat_close_input(&in);
+  av_packet_free(&packet);
+}
+
 /* 4 s of grey and of sound that begins with a click. */
 static void write_clicks(const char *path) {
   enum { SIDE = 32, RATE = 16000, SECONDS = 4 };
@@ -245,11 +267,30 @@ static void test_cut_within_a_packet(void **state) {
   ern_release(context, bytes);
 }
 
+static void test_interlaced(void **state) {
+  (void)state;
+  enum { SIDE = 32 };
+  static const uint8_t rgba[4 * SIDE * SIDE];
+  ern_video_options options = ern_video_options_default(SIDE, SIDE);
+  ern_video_writer *writer = NULL;
+  ern_video_reader *reader = NULL;
+  options.codec = "ffv1";
+  support_ok(context, ern_video_writer_open(context, "rows.mkv", &options, &writer));
+  support_ok(context, ern_video_writer_frame(writer, rgba));
+  support_ok(context, ern_video_writer_close(&writer));
+  copy_as_interlaced("rows.mkv", "fields.mkv");
+  for (int fields = 0; fields < 2; fields++) {
+    warned[0] = 0;
+    support_ok(context, ern_video_reader_open(context, fields ? "fields.mkv" : "rows.mkv", &reader));
+    ern_video_reader_free(&reader);
+    if ((strstr(warned, "fields.mkv: is interlaced") != NULL) != fields) fail_msg("%s", warned);
+  }
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_display_matrix),
-      cmocka_unit_test(test_sound_and_picture_in_step),
-      cmocka_unit_test(test_cut_between_packets),
+      cmocka_unit_test(test_display_matrix),      cmocka_unit_test(test_sound_and_picture_in_step),
+      cmocka_unit_test(test_interlaced),          cmocka_unit_test(test_cut_between_packets),
       cmocka_unit_test(test_cut_within_a_packet),
   };
   return cmocka_run_group_tests_name("video_read", tests, set_up, tear_down);
