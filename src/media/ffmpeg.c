@@ -23,6 +23,8 @@ static bool is_of_the_system(int error) {
 ern_status ern_av_fail(ern_context *context, ern_status otherwise, const char *path, const char *doing, int error) {
   char reason[AV_ERROR_MAX_STRING_SIZE];
   if (av_strerror(error, reason, sizeof reason) < 0) snprintf(reason, sizeof reason, "error %d", error);
+  if (error == AVERROR(EIO) && strstr(path, "://") != NULL) /* FFmpeg says no more of an address */
+    snprintf(reason, sizeof reason, "its host is not known, or nobody answers there");
   ern_status code = is_of_the_system(error) ? ERN_E_IO : otherwise;
   if (error == AVERROR(ENOMEM)) code = ERN_E_NO_MEMORY;
   if (error == AVERROR(ENOENT) || error == AVERROR(ENOTDIR)) code = ERN_E_MISSING;
@@ -192,12 +194,29 @@ int ern_av_read_packet(AVFormatContext *container, AVPacket *packet) {
   return error == AVERROR_EOF && io != NULL && io->error < 0 && io->error != AVERROR_EXIT ? io->error : error;
 }
 
+/* Whether the file is a video, and ends within the packet that was read, as where a copy was broken off. */
+static bool is_cut_video(const struct ern_decoder *decoder) {
+  const AVFormatContext *container = decoder->container;
+  const AVIOContext *io = container->pb;
+  bool pictures = false;
+  for (unsigned i = 0; i < container->nb_streams; i++)
+    pictures |= container->streams[i]->codecpar->codec_type == AVMEDIA_TYPE_VIDEO &&
+                (container->streams[i]->disposition & AV_DISPOSITION_ATTACHED_PIC) == 0;
+  return pictures && io != NULL && io->eof_reached && io->error >= 0;
+}
+
 /* Sends the codec the next packet of the stream, or the end of the stream (NULL). */
 static ern_status feed(struct ern_decoder *decoder) {
   ern_context *context = decoder->context;
   AVPacket *packet = decoder->packet;
   for (;;) {
     int error = ern_av_read_packet(decoder->container, packet);
+    if (error >= 0 && (packet->flags & AV_PKT_FLAG_CORRUPT) != 0 && is_cut_video(decoder)) {
+      ern_log(context, ERN_LOG_WARNING, "%s: is cut short: its last packet is not whole, and is left out",
+              decoder->path);
+      av_packet_unref(packet);
+      error = AVERROR_EOF;
+    }
     if (error == AVERROR_EOF) {
       decoder->drained = true;
       error = avcodec_send_packet(decoder->codec, NULL);

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * `ernerf dub` on a made-up clip with its video: size, rate, length and sound of the output, which is the recorded
  * video outside the lower face; and what is refused. */
+#include <libavformat/avformat.h>
 #include <math.h>
 #include <time.h>
 
@@ -23,7 +24,7 @@ static int make_all(void **state) {
   cli_expect(&cli, 0, NULL);
   cli_run(&cli, "synth longer --size 64 --frames %d --seed 4 --quiet", LONGER);
   cli_expect(&cli, 0, NULL);
-  cli_run(&cli, "synth shorter --size 64 --frames %d --seed 4 --quiet", SHORTER);
+  cli_run(&cli, "synth shorter --size 64 --frames %d --seed 4 --video shorter.mp4 --quiet", SHORTER);
   cli_expect(&cli, 0, NULL);
   return 0;
 }
@@ -278,6 +279,122 @@ static void test_part(void **state) {
 #undef PART_DUB
 }
 
+/* Copies the packets of a file: of the pictures not those from number `gone` up to `next`, and the sound from packet
+ * `after` on `late` seconds later. */
+static void copy_packets(const char *from, const char *to, int64_t gone, int64_t next, int64_t after, double late) {
+  AVFormatContext *in = NULL, *out = NULL;
+  AVPacket *packet = av_packet_alloc();
+  int64_t pictures = 0, sounds = 0;
+  assert_true(packet != NULL && avformat_open_input(&in, from, NULL, NULL) >= 0);
+  assert_true(avformat_alloc_output_context2(&out, NULL, "matroska", to) >= 0);
+  for (unsigned i = 0; i < in->nb_streams; i++) {
+    AVStream *stream = avformat_new_stream(out, NULL);
+    assert_true(stream != NULL && avcodec_parameters_copy(stream->codecpar, in->streams[i]->codecpar) >= 0);
+    stream->codecpar->codec_tag = 0;
+  }
+  assert_true(avio_open(&out->pb, to, AVIO_FLAG_WRITE) >= 0 && avformat_write_header(out, NULL) >= 0);
+  while (av_read_frame(in, packet) >= 0) {
+    const int i = packet->stream_index;
+    const bool sound = in->streams[i]->codecpar->codec_type == AVMEDIA_TYPE_AUDIO;
+    const bool left_out = !sound && pictures >= gone && pictures < next;
+    pictures += !sound;
+    av_packet_rescale_ts(packet, in->streams[i]->time_base, out->streams[i]->time_base);
+    if (sound && sounds++ >= after) packet->pts = packet->dts += llround(1000 * late); /* the container's clock: 1 ms */
+    if (!left_out) assert_true(av_interleaved_write_frame(out, packet) >= 0);
+    av_packet_unref(packet);
+  }
+  assert_true(av_write_trailer(out) >= 0);
+  avio_closep(&out->pb);
+  avformat_free_context(out);
+  avformat_close_input(&in);
+  av_packet_free(&packet);
+}
+
+/* Mean square of a channel between two seconds. */
+static double power(const ern_sound *sound, int channel, double from, double to) {
+  double sum = 0;
+  const size_t first = (size_t)(from * sound->rate), past = (size_t)(to * sound->rate);
+  assert_true(past <= sound->frames && channel < sound->channels);
+  for (size_t i = first; i < past; i++) {
+    const double value = sound->data[i * (size_t)sound->channels + (size_t)channel];
+    sum += value * value;
+  }
+  return sum / (double)(past - first);
+}
+
+/* words.wav: two channels of 0.36 s, a tone in the left one. */
+static void write_words(int rate) {
+  ern_context *context = support_context();
+  ern_sound sound = {.rate = rate, .channels = 2, .frames = (size_t)(SHORTER * rate / 25)};
+  sound.data = calloc(2 * sound.frames, sizeof *sound.data);
+  assert_non_null(sound.data);
+  for (size_t i = 0; i < sound.frames; i++) sound.data[2 * i] = (int16_t)(8000 * sin(0.3 * (double)i));
+  support_ok(context, ern_sound_write_wav(context, "words.wav", &sound));
+  free(sound.data);
+  ern_context_free(&context);
+}
+
+/* The words keep their channels and their rate, and the recorded sound after them is as loud as it was. */
+static void test_better_sound(void **state) {
+  (void)state;
+  ern_context *context = support_context();
+  ern_sound sound = {0}, recorded = {0};
+  write_record(NULL, 0, 0);
+  write_words(48000);
+  cli_run(&cli, "dub h.safetensors clip.mp4 --clip clip --audio words.wav -o better.mp4 -y --quiet");
+  cli_expect(&cli, 0, NULL);
+  support_ok(context, ern_sound_read(context, "better.mp4", &sound));
+  support_ok(context, ern_sound_read(context, "clip.mp4", &recorded));
+  assert_true(sound.rate == 48000 && sound.channels == 2 && recorded.channels == 1);
+  assert_true(power(&sound, 0, 0.05, 0.3) > 2e7 && power(&sound, 1, 0.05, 0.3) < 2e5);
+  const double loud = power(&recorded, 0, 0.42, 0.6);
+  for (int c = 0; c < 2; c++) assert_true(fabs(power(&sound, c, 0.42, 0.6) / loud - 1) < 0.1); /* AAC coded twice */
+  ern_sound_free(context, &sound);
+  ern_sound_free(context, &recorded);
+  ern_context_free(&context);
+}
+
+/* Words of a video whose sound begins later than its pictures: the mouth waits for them, and so does the sound. */
+static void test_late_words(void **state) {
+  (void)state;
+  ern_context *context = support_context();
+  ern_sound sound = {0}, words = {0};
+  double loud = 0, apart = 0;
+  write_record(NULL, 0, 0);
+  copy_packets("shorter.mp4", "late.mkv", 0, 0, 0, 0.12);
+  cli_run(&cli, "dub h.safetensors clip.mp4 --clip clip --audio late.mkv -o late.mp4 -y --quiet --json -");
+  cli_expect(&cli, 0, NULL);
+  assert_true(report_number("rest") > 0);
+  support_ok(context, ern_sound_read(context, "late.mp4", &sound));
+  support_ok(context, ern_sound_read(context, "late.mkv", &words));
+  assert_int_equal(sound.rate, words.rate);
+  for (size_t i = 0; i < (size_t)(0.4 * sound.rate); i++) {
+    loud += words.data[i] * words.data[i];
+    apart += (sound.data[i] - words.data[i]) * (sound.data[i] - words.data[i]);
+  }
+  assert_true(loud > 0 && apart < 0.1 * loud); /* AAC coded twice: 10 dB */
+  ern_sound_free(context, &sound);
+  ern_sound_free(context, &words);
+  ern_context_free(&context);
+}
+
+/* Frame k is grey, 15 k. */
+static void write_grey(const char *path, double pixel_aspect) {
+  static uint8_t rgba[SIDE * SIDE * 4];
+  ern_context *context = support_context();
+  ern_video_options options = ern_video_options_default(SIDE, SIDE);
+  ern_video_writer *writer = NULL;
+  options.pixel_aspect = pixel_aspect;
+  if (strstr(path, ".mkv") != NULL) options.codec = "ffv1"; /* which has no frames that need later ones */
+  support_ok(context, ern_video_writer_open(context, path, &options, &writer));
+  for (int k = 0; k < FRAMES; k++) {
+    memset(rgba, 15 * k, sizeof rgba);
+    support_ok(context, ern_video_writer_frame(writer, rgba));
+  }
+  support_ok(context, ern_video_writer_close(&writer));
+  ern_context_free(&context);
+}
+
 /* A clip that begins between two recorded frames: its frames are the nearest ones, as `prepare` chooses them. The
  * output's pixels have the shape of the video's. */
 static void test_between(void **state) {
@@ -303,6 +420,84 @@ static void test_between(void **state) {
   ern_context_free(&context);
 }
 
+/* Words with a gap are read for the mouth and for the sound: the gap is told once. */
+static void test_told_once(void **state) {
+  (void)state;
+  write_record(NULL, 0, 0);
+  copy_packets("shorter.mp4", "gap.mkv", 0, 0, 3, 0.12);
+  cli_run(&cli, "dub h.safetensors clip.mp4 --clip clip --audio gap.mkv -o gap.mp4 -y --quiet --frames 0:1");
+  cli_expect(&cli, 0, "warning: gap.mkv: at 0.", NULL);
+  assert_null(strstr(strstr(cli.err, "gap.mkv: at ") + 1, "gap.mkv: at "));
+}
+
+/* A video of variable rate whose last frame is shown long, as in the clip: its last frames are that one. */
+static void test_variable_rate(void **state) {
+  (void)state;
+  static uint8_t last[SIDE * SIDE / 4 * 3], before[SIDE * SIDE / 4 * 3];
+  ern_context *context = support_context();
+  char hash[65];
+  write_grey("steady.mkv", 1);
+  copy_packets("steady.mkv", "variable.mkv", 8, FRAMES - 1, 0, 0);
+  support_ok(context, ern_file_sha256(context, "variable.mkv", hash));
+  write_record(hash, 0.2, 0);
+  cli_run(&cli,
+          "dub h.safetensors variable.mkv --clip clip --audio shorter/aud.wav -o variable.mp4 -y --quiet --json -");
+  cli_expect(&cli, 0, NULL);
+  assert_int_equal(report_number("frames"), FRAMES);
+  read_top("variable.mp4", (FRAMES - 1) / 25.0, last);
+  read_top("variable.mp4", 10 / 25.0, before); /* of second 0.6 of the video, its last */
+  assert_in_range(last[0], before[0] - 1, before[0] + 1);
+  ern_context_free(&context);
+}
+
+/* Words that are replaced while the program starts: the mouth might say the old ones, and the sound the new ones. The
+ * record of the clip is a pipe, which the program waits for. */
+static void test_words_change(void **state) {
+  (void)state;
+  size_t count = 0;
+  write_record(NULL, 0, 0);
+  uint8_t *record = cli_bytes("clip/prepare.json", &count);
+  assert_int_equal(remove("clip/prepare.json") | mkfifo("clip/prepare.json", 0600), 0);
+  assert_int_equal(system("cp shorter/aud.wav changed.wav; cp longer/aud.wav next.wav"), 0);
+  snprintf(cli.line, sizeof cli.line, "dub h.safetensors clip.mp4 --clip clip --audio changed.wav -o none.mp4 --quiet");
+  cli_start(&cli, NULL, 0);
+  FILE *pipe = fopen("clip/prepare.json", "wb"); /* waits for its reader */
+  assert_non_null(pipe);
+  assert_int_equal(rename("next.wav", "changed.wav"), 0);
+  assert_int_equal(fwrite(record, 1, count, pipe), count);
+  fclose(pipe);
+  assert_int_equal(remove("clip/prepare.json"), 0);
+  support_write("clip/prepare.json", record, count);
+  free(record);
+  cli_wait(&cli);
+  cli_expect(&cli, 1, "changed.wav: was changed while it was read", NULL);
+  assert_false(cli_there("none.mp4"));
+}
+
+/* Segments of a dubbed video say which frames they have, and which of their own seconds are synthetic. */
+static void test_segments(void **state) {
+  (void)state;
+#define SEGMENT "dub h.safetensors clip.mp4 --clip clip --audio shorter/aud.wav -y --quiet "
+  write_record(NULL, 0, 0);
+  assert_int_equal(system("rm -rf parts; mkdir parts"), 0);
+  cli_run(&cli, SEGMENT "--frames 0:4 -o parts/b.mp4");
+  cli_expect(&cli, 0, NULL);
+  cli_run(&cli, SEGMENT "--frames 4:8 -o parts/a.mp4");
+  cli_expect(&cli, 0, NULL);
+  cli_run(&cli, "join parts -o joined.mp4 -y");
+  cli_expect(&cli, 1, "parts/b.mp4: begins with frame 0, expected 8", NULL);
+  assert_int_equal(system("cd parts; for f in a.mp4*; do mv $f c${f#a}; done"), 0);
+  cli_run(&cli, "join parts -o joined.mp4 -y");
+  cli_expect(&cli, 0, NULL);
+  json_t *about = cli_json(&cli, "joined.mp4.provenance.json");
+  assert_null(json_object_get(about, "synthetic_seconds"));
+  assert_int_equal(json_integer_value(json_object_get(about, "frames")), 8);
+  for (size_t k = 0; k < 2; k++)
+    assert_non_null(json_object_get(json_array_get(json_object_get(about, "segments"), k), "synthetic_seconds"));
+  json_decref(about);
+#undef SEGMENT
+}
+
 /* A video that gets another's name while the program starts: the prepared one is dubbed, or none. */
 static void test_replaced(void **state) {
   (void)state;
@@ -319,7 +514,7 @@ static void test_replaced(void **state) {
     if (cli_there("moved_out.mp4"))
       assert_int_equal(compare("moved_out.mp4", 25, 0), FRAMES);
     else
-      cli_expect(&cli, 1, "moved.mp4: is not the video of clip", NULL);
+      cli_expect(&cli, 1, "moved.mp4: ", NULL); /* is not the video, or was changed */
     for (int i = 0; i < 1000 && cli_there("next.mp4"); i++)
       (void)nanosleep(&(struct timespec){.tv_nsec = 1000000}, NULL);
   }
@@ -372,9 +567,11 @@ static void test_refused(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_dub),         cmocka_unit_test(test_replaced), cmocka_unit_test(test_for_dub),
-      cmocka_unit_test(test_eval),        cmocka_unit_test(test_against),  cmocka_unit_test(test_longer),
-      cmocka_unit_test(test_shorter),     cmocka_unit_test(test_part),     cmocka_unit_test(test_between),
-      cmocka_unit_test(test_frame_lacks), cmocka_unit_test(test_refused)};
+      cmocka_unit_test(test_dub),          cmocka_unit_test(test_replaced),  cmocka_unit_test(test_for_dub),
+      cmocka_unit_test(test_eval),         cmocka_unit_test(test_against),   cmocka_unit_test(test_longer),
+      cmocka_unit_test(test_shorter),      cmocka_unit_test(test_part),      cmocka_unit_test(test_between),
+      cmocka_unit_test(test_frame_lacks),  cmocka_unit_test(test_refused),   cmocka_unit_test(test_better_sound),
+      cmocka_unit_test(test_late_words),   cmocka_unit_test(test_told_once), cmocka_unit_test(test_variable_rate),
+      cmocka_unit_test(test_words_change), cmocka_unit_test(test_segments)};
   return cmocka_run_group_tests(tests, make_all, NULL);
 }

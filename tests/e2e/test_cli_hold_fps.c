@@ -103,7 +103,7 @@ static void test_quick_look(void **state) {
   cli_expect(&cli, 1, "a/%d.png: its folder is not there", NULL);
   assert_int_equal(mkdir("a", 0777) + mkdir("b", 0777), 0);
   cli_run(&cli, "render m.safetensors --clip '%s' --frames 0:3 --hold-fps 0.1 -o a/%%d.png -y --json pace.json", clip);
-  cli_expect(&cli, 0, "measures the cost of the settings briefly", "render: settings",
+  cli_expect(&cli, 0, "measures the cost of the settings briefly", "speed 100.0%  80/80", "render: settings",
              "100.0 dB against the most accurate", NULL);
   json_t *object = cli_json(&cli, "pace.json");
   const json_t *pace = json_object_get(object, "rate_control");

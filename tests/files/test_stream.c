@@ -205,6 +205,15 @@ static void test_rtsp_is_connected_to(void **state) {
   support_expect(context, ern_sound_reader_open(context, url, NULL, &reader), ERN_E_IO, url, "refused", NULL);
 }
 
+/* FFmpeg says "Input/output error" of a name that no resolver can have. */
+static void test_unknown_host(void **state) {
+  (void)state;
+  const ern_stream_options options = options_of_stream(NULL);
+  ern_stream_writer *writer = NULL;
+  support_expect(context, ern_stream_writer_open(context, "udp://..:9", &options, &writer), ERN_E_IO,
+                 "udp://..:9: cannot connect to it: its host is not known, or nobody answers there", NULL);
+}
+
 /* "file:" names a file like any other; FFmpeg's other protocols that lead to files are refused, nested ones too. */
 static void test_only_files_and_networks(void **state) {
   (void)state;
@@ -366,6 +375,7 @@ int main(void) {
       cmocka_unit_test(test_sound_is_read_as_it_comes),
       cmocka_unit_test(test_what_is_no_sound_is_refused),
       cmocka_unit_test(test_scheme_decides_before_ending),
+      cmocka_unit_test(test_unknown_host),
       cmocka_unit_test(test_rtsp_is_connected_to),
       cmocka_unit_test(test_waits_end_when_asked_to),
       cmocka_unit_test(test_options_are_checked),

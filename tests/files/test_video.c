@@ -506,7 +506,7 @@ static void test_cut_short_and_no_video(void **state) {
   size_t count = 0;
   write_video("cut_from.mp4", &options, 50);
   support_ok(context, ern_file_read(context, "cut_from.mp4", 1 << 24, &bytes, &count));
-  const size_t lengths[] = {0, 10, 500, count / 2, count - 1000, count - 10};
+  const size_t lengths[] = {0, 10, 500}; /* test_cut_within_a_packet has others */
   for (size_t i = 0; i < sizeof lengths / sizeof *lengths; i++) {
     support_write("cut.mp4", bytes, lengths[i]);
     ern_status status = ern_video_reader_open(context, "cut.mp4", &reader);

@@ -13,9 +13,11 @@
 
 static ern_context *context;
 static char warned[1024]; /* the last warning of the log */
+static int warnings;
 
 static void keep_warning(void *user, ern_log_level level, const char *line) {
   (void)user;
+  warnings += level == ERN_LOG_WARNING;
   if (level == ERN_LOG_WARNING) snprintf(warned, sizeof warned, "%s", line);
 }
 
@@ -128,6 +130,28 @@ static void remux(const char *from, const char *to, double later, double until, 
   av_dict_free(&options);
 }
 
+/* Copies the pictures of a file to Matroska, which says that they are interlaced. */
+static void copy_as_interlaced(const char *from, const char *to) {
+  AVFormatContext *in = NULL, *out = NULL;
+  AVPacket *packet = av_packet_alloc();
+  assert_true(avformat_open_input(&in, from, NULL, NULL) >= 0);
+  assert_true(avformat_alloc_output_context2(&out, NULL, "matroska", to) >= 0);
+  AVStream *stream = avformat_new_stream(out, NULL);
+  assert_true(avcodec_parameters_copy(stream->codecpar, in->streams[0]->codecpar) >= 0);
+  stream->codecpar->field_order = AV_FIELD_TT;
+  assert_true(avio_open(&out->pb, to, AVIO_FLAG_WRITE) >= 0 && avformat_write_header(out, NULL) >= 0);
+  while (av_read_frame(in, packet) >= 0) {
+    av_packet_rescale_ts(packet, in->streams[0]->time_base, stream->time_base);
+    assert_true(packet->stream_index == 0 && av_write_frame(out, packet) >= 0);
+    av_packet_unref(packet);
+  }
+  assert_true(av_write_trailer(out) >= 0);
+  avio_closep(&out->pb);
+  avformat_free_context(out);
+  avformat_close_input(&in);
+  av_packet_free(&packet);
+}
+
 /* 4 s of grey and of sound that begins with a click. */
 static void write_clicks(const char *path) {
   enum { SIDE = 32, RATE = 16000, SECONDS = 4 };
@@ -199,8 +223,11 @@ static void test_cut_between_packets(void **state) {
     end = false;
     warned[0] = 0;
     support_ok(context, ern_video_reader_open(context, "cut.mp4", &reader));
-    while (!end) support_ok(context, ern_video_reader_frame(reader, &image, &seconds, &end));
+    warnings = 0;
+    for (int ends = 0; ends < 3; ends += end) /* it is read on at its end */
+      support_ok(context, ern_video_reader_frame(reader, &image, &seconds, &end));
     ern_video_reader_free(&reader);
+    assert_int_equal(warnings, whole ? 0 : 1);
     if ((strstr(warned, "cut.mp4: may be cut short: its video ends at 2.") == NULL) != whole) fail_msg("%s", warned);
     warned[0] = 0;
     support_ok(context, ern_sound_read(context, "cut.mp4", &sound));
@@ -212,11 +239,59 @@ static void test_cut_between_packets(void **state) {
   ern_release(context, bytes);
 }
 
+/* A file that ends within a packet: the same, but with a warning also where less than a second is missing. */
+static void test_cut_within_a_packet(void **state) {
+  (void)state;
+  uint8_t *bytes = NULL;
+  size_t count = 0, frames = 0;
+  int64_t cut = 0;
+  ern_video_reader *reader = NULL;
+  ern_image image = {0};
+  ern_sound sound = {0};
+  double seconds = 0;
+  write_clicks("clicks.mp4");
+  remux("clicks.mp4", "whole.mp4", 0, 3.9, &cut);
+  support_ok(context, ern_file_read(context, "whole.mp4", 1 << 24, &bytes, &count));
+  support_write("inside.mp4", bytes, (size_t)cut - 10);
+  warned[0] = 0;
+  support_ok(context, ern_video_reader_open(context, "inside.mp4", &reader));
+  for (bool end = false; !end; frames += !end)
+    support_ok(context, ern_video_reader_frame(reader, &image, &seconds, &end));
+  ern_video_reader_free(&reader);
+  assert_in_range(frames, 90, 99);
+  assert_non_null(strstr(warned, "inside.mp4: is cut short: its last packet is not whole, and is left out"));
+  support_ok(context, ern_sound_read(context, "inside.mp4", &sound)); /* it passes over packets of pictures */
+  assert_in_range(sound.frames, (size_t)(3.5 * sound.rate), (size_t)(4 * sound.rate));
+  ern_sound_free(context, &sound);
+  ern_image_free(context, &image);
+  ern_release(context, bytes);
+}
+
+static void test_interlaced(void **state) {
+  (void)state;
+  enum { SIDE = 32 };
+  static const uint8_t rgba[4 * SIDE * SIDE];
+  ern_video_options options = ern_video_options_default(SIDE, SIDE);
+  ern_video_writer *writer = NULL;
+  ern_video_reader *reader = NULL;
+  options.codec = "ffv1";
+  support_ok(context, ern_video_writer_open(context, "rows.mkv", &options, &writer));
+  support_ok(context, ern_video_writer_frame(writer, rgba));
+  support_ok(context, ern_video_writer_close(&writer));
+  copy_as_interlaced("rows.mkv", "fields.mkv");
+  for (int fields = 0; fields < 2; fields++) {
+    warned[0] = 0;
+    support_ok(context, ern_video_reader_open(context, fields ? "fields.mkv" : "rows.mkv", &reader));
+    ern_video_reader_free(&reader);
+    if ((strstr(warned, "fields.mkv: is interlaced") != NULL) != fields) fail_msg("%s", warned);
+  }
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_display_matrix),
-      cmocka_unit_test(test_sound_and_picture_in_step),
-      cmocka_unit_test(test_cut_between_packets),
+      cmocka_unit_test(test_display_matrix),      cmocka_unit_test(test_sound_and_picture_in_step),
+      cmocka_unit_test(test_interlaced),          cmocka_unit_test(test_cut_between_packets),
+      cmocka_unit_test(test_cut_within_a_packet),
   };
   return cmocka_run_group_tests_name("video_read", tests, set_up, tear_down);
 }

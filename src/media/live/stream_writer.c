@@ -157,7 +157,7 @@ static ern_status open_address(ern_stream_writer *w) {
   int error = strncmp(w->url, "udp://", 6) == 0 ? av_dict_set(&options, "pkt_size", "1316", 0) : 0;
   if (error >= 0) error = avio_open2(&w->io, w->url, AVIO_FLAG_WRITE, &interrupt, &options);
   av_dict_free(&options);
-  return error >= 0 ? ERN_OK : ern_av_fail(w->context, ERN_E_IO, w->url, "write to it", error);
+  return error >= 0 ? ERN_OK : ern_av_fail(w->context, ERN_E_IO, w->url, "connect to it", error);
 }
 
 static ern_status open_target(ern_stream_writer *w) {

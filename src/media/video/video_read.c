@@ -100,6 +100,11 @@ ern_status ern_video_reader_open(ern_context *context, const char *path, ern_vid
   ERN_TRY(ern_decoder_open(context, path, AVMEDIA_TYPE_VIDEO, 0, &made->decoder));
   ERN_TRY(ern_image_check_sides(context, path, made->decoder.codec->width, made->decoder.codec->height));
   describe(made);
+  if (made->decoder.stream->codecpar->field_order > AV_FIELD_PROGRESSIVE)
+    ern_log(context, ERN_LOG_WARNING,
+            "%s: is interlaced: each of its frames shows two instants, in alternate rows; expected one that is not, as "
+            "FFmpeg's filter bwdif makes it",
+            path);
   *reader = made;
   return ERN_OK;
 fail:

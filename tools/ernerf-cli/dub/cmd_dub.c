@@ -31,6 +31,7 @@ struct dub_job {
   const char *video_path, *audio, *out;
   float from, to; /* seconds of the video; to: 0 for the clip's end */
   int cut;        /* whether the output ends with the words */
+  bool counted;   /* --frames: the output is a segment, whose frames are numbered as those of the whole */
   /* made */
   struct recorded_video video;
   struct sink sink;
@@ -162,6 +163,7 @@ static int open_frames(struct dub_job *job, const struct args *args) {
   struct session *session = &job->session;
   const size_t windows = job->features.windows;
   size_t end = 0;
+  job->counted = args_given(args, "frames");
   int status = frame_source_of_clip(&job->frame_source, session, job->portrait.clip, FRAME_SOURCE_ALL);
   if (status == 0) status = recorded_video_check(session, job->portrait.source.path, &job->frame_source);
   if (status == 0) status = choose_part(job, args, &job->begin, &end);
@@ -173,7 +175,7 @@ static int open_frames(struct dub_job *job, const struct args *args) {
   if (status == 0) status = frame_source_replay(&job->frame_source, session, windows, order);
   free(order);
   if (status == 0) status = frame_source_resample(&job->frame_source, session, job->rate, &job->features);
-  if (status == 0 && !job->cut && !args_given(args, "frames") && end - job->begin > windows)
+  if (status == 0 && !job->cut && !job->counted && end - job->begin > windows)
     job->rest = rate_frames(job->rate, end - job->begin) - job->frame_source.count;
   return status == 0 ? portrait_cut(&job->portrait, session, args, &job->frame_source, &job->features) : status;
 }
@@ -228,6 +230,7 @@ static int open_all(struct dub_job *job, const struct args *args) {
   if (status == 0) status = provenance_learn(&job->provenance, session, portrait, job->audio, false);
   if (status == 0) status = label_make(&job->label, session, info->width, info->height);
   if (status == 0) status = watermark_make(&job->watermark, session, info->width, info->height);
+  if (status == 0) status = session_check_inputs_kept(session);
   if (status != 0) return status;
   choose_region(job);
   job->sink.pixel_aspect = info->pixel_aspect;
@@ -330,9 +333,11 @@ static json_t *about_output(const struct dub_job *job, size_t frames) {
   const char *slash = strrchr(job->out, '/'), *folder = strrchr(job->video_path, '/');
   char rate[RATE_TEXT_BYTES];
   rate_words(job->rate, rate);
-  return json_pack("{s:o, s:I, s:s, s:i, s:i, s:b, s:o, s:[[o,o]]}", "output",
-                   session_text(slash != NULL ? slash + 1 : job->out), "frames", (json_int_t)frames, "rate", rate,
-                   "width", job->video.info.width, "height", job->video.info.height, "sound", 1, "recorded",
+  const json_int_t first = (json_int_t)job->frame_source.source_frame[0].number;
+  return json_pack("{s:o, s:o*, s:I, s:s, s:i, s:i, s:b, s:o, s:[[o,o]]}", "output",
+                   session_text(slash != NULL ? slash + 1 : job->out), "first_frame",
+                   job->counted ? json_integer(first) : NULL, "frames", (json_int_t)frames, "rate", rate, "width",
+                   job->video.info.width, "height", job->video.info.height, "sound", 1, "recorded",
                    session_text(folder != NULL ? folder + 1 : job->video_path), "synthetic_seconds", session_number(0),
                    session_number(synthetic_seconds(job)));
 }

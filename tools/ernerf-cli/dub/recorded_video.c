@@ -146,6 +146,14 @@ int recorded_video_open(struct recorded_video *video, struct session *session, c
   return status;
 }
 
+/* Seconds for which the video's last frame is shown: as long as the one before it, which is the rule of `prepare`, and
+ * one of the mean rate at least. */
+static double last_shown(const struct recorded_video *video) {
+  const struct recorded_frame *last = &video->window[video->count - 1];
+  const double before = video->count > 1 ? fmin(last->at - last[-1].at, 0.5) : 0;
+  return fmax(1 / rate_of(video), before);
+}
+
 int recorded_video_frame(struct recorded_video *video, struct session *session, double seconds,
                          const ern_video_frame **frame) {
   const double at = video->first + (video->from + seconds);
@@ -155,8 +163,7 @@ int recorded_video_frame(struct recorded_video *video, struct session *session, 
     if (advance(video, session) != 0) return EXIT_FAILURE;
   size_t shown = 0; /* the nearest one, the later one of two, as in the clip */
   while (shown + 1 < video->count && fabs(window[shown + 1].at - at) <= fabs(window[shown].at - at)) shown++;
-  /* the last frame is shown as long as one of the guessed rate, and up to the end of the clip's frame that shows it */
-  const bool past = video->ended && at > window[video->count - 1].at + fmax(1 / rate_of(video), 0) + 0.04 + EARLY;
+  const bool past = video->ended && at > window[video->count - 1].at + last_shown(video) + 0.04 + EARLY;
   *frame = past ? NULL : window[shown].frame;
   return 0;
 }

@@ -4,47 +4,70 @@
 #include <math.h>
 #include <stdlib.h>
 
-#include "ernerf/stream.h"
-
-enum { READ_FRAMES = 4096, MAX_CHANNELS = 8 };
+enum { TAPS = 16 };
 #define FADE 0.01 /* seconds over which the recorded sound sets in, so that it does not click */
+static const double pi = 3.14159265358979323846;
 
-/* The file's sound at spliced's rate and channels, up to `frames` frames. */
-static int read_words(struct session *session, const char *audio, size_t frames, const ern_sound *spliced) {
-  float samples[READ_FRAMES * MAX_CHANNELS];
-  const size_t channels = (size_t)spliced->channels;
-  ern_sound_reader_options options = ern_sound_reader_options_default();
-  ern_sound_reader *reader = NULL;
-  size_t count = 1;
-  options.rate = spliced->rate;
-  options.channels = spliced->channels;
-  ern_status status = ern_sound_reader_open(session->context, audio, &options, &reader);
-  for (size_t at = 0; status == ERN_OK && count > 0 && at < frames; at += count) {
-    status = ern_sound_reader_read(reader, samples, frames - at < READ_FRAMES ? frames - at : READ_FRAMES, &count);
-    for (size_t i = 0; status == ERN_OK && i < count * channels; i++)
-      spliced->data[at * channels + i] = (int16_t)lrintf(32767 * fminf(fmaxf(samples[i], -1), 1));
+static double sample_of(const ern_sound *sound, size_t channel, double frame) {
+  const bool there = frame >= 0 && frame < (double)sound->frames;
+  return there ? sound->data[(size_t)frame * (size_t)sound->channels + channel] : 0;
+}
+
+/* A channel at `at`, in frames of the sound, for a rate that is not less than its own. Between two frames: the sum of
+ * x[k] sinc(at - k) over 2 TAPS frames, under a Hann window. */
+static double value_at(const ern_sound *sound, size_t channel, double at) {
+  const double before = floor(at);
+  double sum = 0;
+  if (at == before) return sample_of(sound, channel, at);
+  for (int k = 1 - TAPS; k <= TAPS; k++) {
+    const double x = pi * (at - before - k);
+    sum += sample_of(sound, channel, before + k) * sin(x) / x * (0.5 + 0.5 * cos(x / TAPS));
   }
-  ern_sound_reader_free(&reader);
-  return status == ERN_OK ? 0 : session_fail(session);
+  return sum;
+}
+
+/* What the output's channel has of the sound at `at`. One channel is heard left and right. */
+static double heard(const ern_sound *sound, size_t channel, double at) {
+  const bool mono = sound->channels == 1;
+  if (channel >= (mono ? 2 : (size_t)sound->channels)) return 0;
+  return value_at(sound, mono ? 0 : channel, at);
+}
+
+/* begin: frame of `recorded` at which the rest begins; first: frame of `spliced` with which it begins. */
+static void splice(const ern_sound *said, const ern_sound *recorded, double begin, size_t first, ern_sound *spliced) {
+  const size_t channels = (size_t)spliced->channels;
+  const double rate = spliced->rate, fade = FADE * rate;
+  for (size_t i = 0; i < spliced->frames; i++) {
+    const bool rest = i >= first;
+    const double since = rest ? (double)(i - first) : (double)i;
+    const double at = rest ? begin + since * recorded->rate / rate : since * said->rate / rate;
+    const double gain = rest ? fmin(since / fade, 1) : 1;
+    for (size_t c = 0; c < channels; c++) {
+      const double value = gain * heard(rest ? recorded : said, c, at);
+      spliced->data[i * channels + c] = (int16_t)lrint(fmin(fmax(value, INT16_MIN), INT16_MAX));
+    }
+  }
 }
 
 int spliced_sound_read(struct session *session, const char *audio, double words, const char *video, double from,
                        double rest, ern_sound *spliced) {
-  ern_sound recorded = {0};
-  if (ern_sound_read(session->context, video, &recorded) != ERN_OK) return session_fail(session);
-  const double rate = recorded.rate, fade = FADE * rate;
-  const size_t channels = (size_t)recorded.channels, first = (size_t)lround(words * rate);
-  const int64_t shift = llround(from * rate) - (int64_t)first;
-  *spliced = (ern_sound){.rate = recorded.rate, .channels = recorded.channels, .frames = first + (size_t)(rest * rate)};
-  spliced->data = calloc(spliced->frames * channels + 1, sizeof *spliced->data);
-  int status = spliced->data != NULL ? read_words(session, audio, first, spliced)
-                                     : session_fail_with(session, "%s: no memory for its sound", video);
-  for (size_t i = first; status == 0 && i < spliced->frames; i++) {
-    const int64_t at = (int64_t)i + shift;
-    const double gain = fmin((double)(i - first) / fade, 1);
-    for (size_t c = 0; at >= 0 && (size_t)at < recorded.frames && c < channels; c++)
-      spliced->data[i * channels + c] = (int16_t)lrint(gain * recorded.data[(size_t)at * channels + c]);
+  ern_sound said = {0}, recorded = {0};
+  int status = 0;
+  if (ern_sound_read(session->context, audio, &said) != ERN_OK ||
+      ern_sound_read(session->context, video, &recorded) != ERN_OK)
+    status = session_fail(session);
+  if (status == 0) {
+    const int rate = said.rate > recorded.rate ? said.rate : recorded.rate;
+    const int channels = said.channels > recorded.channels ? said.channels : recorded.channels;
+    const size_t first = (size_t)lround(words * rate);
+    *spliced = (ern_sound){.rate = rate, .channels = channels, .frames = first + (size_t)(rest * rate)};
+    spliced->data = calloc(spliced->frames * (size_t)channels + 1, sizeof *spliced->data);
+    if (spliced->data != NULL)
+      splice(&said, &recorded, round(from * recorded.rate), first, spliced);
+    else
+      status = session_fail_with(session, "%s: no memory for its sound", video);
   }
+  ern_sound_free(session->context, &said);
   ern_sound_free(session->context, &recorded);
   return status;
 }

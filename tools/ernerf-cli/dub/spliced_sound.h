@@ -6,9 +6,9 @@
 #include "ernerf/media.h"
 #include "session/session.h"
 
-/* *spliced, with the rate and channels of the video's sound: `words` seconds of the file `audio`, silence after its
- * end, then `rest` seconds of the sound of `video` from its second `from` on. The caller frees spliced->data (free).
- * Returns 0, or EXIT_FAILURE after a message. */
+/* *spliced, with the larger rate and number of channels of the two: `words` seconds of the file `audio`, silence after
+ * its end, then `rest` seconds of the sound of `video` from its second `from` on. The caller frees spliced->data
+ * (free). Returns 0, or EXIT_FAILURE after a message. */
 int spliced_sound_read(struct session *session, const char *audio, double words, const char *video, double from,
                        double rest, ern_sound *spliced);
 

@@ -108,8 +108,8 @@ int provenance_learn(struct provenance *provenance, struct session *session, con
 
 /* The members that are equal in all segments: an object. */
 static json_t *said_by_all(const json_t *says) {
-  static const char *const own[] = {"output", "sha256", "version",   "first_frame",
-                                    "frames", "sound",  "sound_file"}; /* of one */
+  static const char *const own[] = {"output", "sha256", "version",    "first_frame",
+                                    "frames", "sound",  "sound_file", "synthetic_seconds"}; /* of one */
   json_t *first = json_array_get(says, 0), *alike = json_is_object(first) ? json_copy(first) : json_object(), *value;
   const char *name;
   void *next;

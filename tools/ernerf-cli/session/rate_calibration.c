@@ -23,6 +23,8 @@ struct look {
   float *exact, *rgb; /* [LOOK_FRAMES][height][width][3] of the first rung; [height][width][3] */
   size_t values;      /* of a frame */
   double db[LOOK_RUNGS][LOOK_FRAMES], readings[LOOK_RUNGS][LOOK_TURNS];
+  struct progress progress;
+  uint64_t drawn; /* frames */
 };
 
 static struct settings settings_of(const struct rate_control *g) {
@@ -62,6 +64,11 @@ static size_t frame_at(const struct rate_control *g, size_t f) {
   return g->frame_source->count > 1 ? (g->frame_source->count - 1) * (f + 1) / (LOOK_FRAMES + 1) : 0;
 }
 
+static void count_frames(struct look *look) {
+  look->drawn += LOOK_FRAMES;
+  progress_at(&look->progress, look->drawn, (uint64_t)LOOK_RUNGS * LOOK_FRAMES * (1 + LOOK_TURNS), "");
+}
+
 /* Renders the pictures first: this is also the warm-up. */
 static int compare_all(struct rate_control *g, struct look *look, rate_control_draw *draw, void *user) {
   for (size_t i = 0; i < g->count; i++) {
@@ -71,6 +78,7 @@ static int compare_all(struct rate_control *g, struct look *look, rate_control_d
       if (draw(user, g->rung[i].renderer, frame_at(g, f), rgb) != 0) return EXIT_FAILURE;
       look->db[i][f] = decibels(rgb, look->exact + f * look->values, look->values);
     }
+    count_frames(look);
   }
   return 0;
 }
@@ -83,6 +91,7 @@ static int time_all(struct rate_control *g, struct look *look, rate_control_draw
       for (size_t f = 0; f < LOOK_FRAMES; f++)
         if (draw(user, g->rung[i].renderer, frame_at(g, f), NULL) != 0) return EXIT_FAILURE;
       look->readings[i][turn] = 1000 * (session_seconds() - began) / LOOK_FRAMES;
+      count_frames(look);
     }
   return 0;
 }
@@ -157,6 +166,7 @@ int rate_control_calibrate(struct rate_control *g, struct dimensions size, rate_
         rung_of(&base, (double)ladder[g->count].image_scale, (double)ladder[g->count].transmittance_stop);
   session_note(g->session, "%s: measures the cost of the settings briefly; `ernerf tradeoff` measures it better, once",
                g->session->verb);
+  progress_begin(&look.progress, g->session, "speed", "frames");
   look.exact = malloc(LOOK_FRAMES * look.values * sizeof(float));
   look.rgb = malloc(look.values * sizeof(float));
   int status = look.exact != NULL && look.rgb != NULL
@@ -167,6 +177,7 @@ int rate_control_calibrate(struct rate_control *g, struct dimensions size, rate_
     keep_useful(g, &look);
     fill_gaps(g, &base);
   }
+  progress_end(&look.progress);
   free(look.exact);
   free(look.rgb);
   return status;

@@ -10,7 +10,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/stat.h>
 #include <time.h>
 #include <unistd.h>
 
@@ -193,6 +192,15 @@ static void catch_signals(void) {
   sigaction(SIGPIPE, &action, NULL);
 }
 
+/* *about, of a regular file; else all 0. */
+static void see_file(const char *path, struct stat *about) {
+  if (path == NULL || stat(path, about) != 0 || !S_ISREG(about->st_mode)) *about = (struct stat){0};
+}
+
+static void see_inputs(struct session *session) {
+  for (size_t i = 0; i < SESSION_INPUTS; i++) see_file(session->inputs[i], &session->seen[i]);
+}
+
 int session_open(struct session *session, const struct args *args) {
   session->verb = args->verb;
   if (args_given(args, "device") && session->backend_choice != SESSION_OPENCL)
@@ -207,6 +215,7 @@ int session_open(struct session *session, const struct args *args) {
   config.keep_files = !session->overwrite && !session->rewrites;
   if (ern_context_create(&session->context, &config) != ERN_OK) return session_fail_with(session, "no memory");
   catch_signals();
+  see_inputs(session);
   if (session->json == NULL || session_json_on_stdout(session) || session_check_output(session, session->json) == 0)
     return -1;
   session_close(session);
@@ -470,6 +479,19 @@ int session_check_folder_has_no_input(struct session *session, const char *folde
       return session_fail_with(session,
                                "%s: is an input in %s, whose files this training replaces; expected another -o",
                                session->inputs[i], folder);
+  return 0;
+}
+
+int session_check_inputs_kept(struct session *session) {
+  for (size_t i = 0; i < SESSION_INPUTS; i++) {
+    struct stat now;
+    const struct stat *then = &session->seen[i];
+    see_file(session->inputs[i], &now);
+    if (now.st_dev != then->st_dev || now.st_ino != then->st_ino || now.st_size != then->st_size ||
+        now.st_mtim.tv_sec != then->st_mtim.tv_sec || now.st_mtim.tv_nsec != then->st_mtim.tv_nsec)
+      return session_fail_with(session, "%s: was changed while it was read, expected a file that stays the same",
+                               session->inputs[i]);
+  }
   return 0;
 }
 

@@ -6,6 +6,7 @@
 
 #include <jansson.h>
 #include <stdatomic.h>
+#include <sys/stat.h>
 
 #include "args.h"
 #include "bytes.h"
@@ -33,6 +34,7 @@ struct session {
   bool rewrites; /* set by a verb before session_open: it rewrites its own files repeatedly, and protects other existing
                     files itself */
   const char *inputs[SESSION_INPUTS]; /* input files and clips, NULL: none; set by a verb before session_open */
+  struct stat seen[SESSION_INPUTS];   /* of the input files by session_open; all 0: no regular file */
   const char *json;                   /* NULL: none, "-": standard output, else a file */
   json_t *outputs;                    /* by resolved path, and by device and inode: the name of each output */
   bool staging;                       /* files are held for session_write_staged */
@@ -116,6 +118,9 @@ json_t *session_whole(uint64_t value);
 int session_check_not_input(struct session *session, const char *input, const char *output);
 /* The same for all inputs. */
 int session_check_not_inputs(struct session *session, const char *output);
+/* Fails if an input file was replaced or changed since session_open: a part may have been read before it, a part after.
+ * Call it when all are read. */
+int session_check_inputs_kept(struct session *session);
 /* Fails if `output` resolves to the same file, existing or not, as an output that was checked before. */
 int session_check_distinct_output(struct session *session, const char *output);
 /* Fails if the file of --json lies in the folder, existing or not, into which the verb writes. */

@@ -375,6 +375,7 @@ static int open_all(struct render_job *job, const struct args *args) {
   if (status == 0) status = learn_provenance(job);
   if (status == 0) status = label_make(&job->label, session, job->size.width, job->size.height);
   if (status == 0) status = watermark_make(&job->watermark, session, job->size.width, job->size.height);
+  if (status == 0) status = session_check_inputs_kept(session);
   if (status != 0) return status;
   return sink_open(&job->sink, &job->session, job->size.width, job->size.height, job->rate, &job->portrait.info,
                    job->sound.data != NULL ? &job->sound : NULL, job->sound_start, provenance_of(&job->provenance));
