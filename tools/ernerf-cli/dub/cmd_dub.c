@@ -258,6 +258,9 @@ static int open_all(struct dub_job *job, const struct args *args) {
   if (status == 0 && !portrait->clip_info.has_landmarks)
     status = session_fail_with(session, "%s: has no landmarks (ori_imgs/ID.lms), which place the mouth",
                                portrait->source.path);
+  if (status == 0 && !portrait->clip_info.has_parsing)
+    session_warn(session, "%s: has no parsing/, so the mouth is also drawn on what is before the face, such as a hand",
+                 portrait->source.path);
   if (status == 0) status = open_features(job);
   if (status == 0) status = silence_pose_open(&job->silence_pose, session, portrait, &job->features);
   if (status == 0) status = open_frames(job, args);
