@@ -45,6 +45,12 @@ fail:
   return status;
 }
 
+/* Seconds for which the video's last frame is shown: until the next one would be due, or the file ends. */
+static double last_shown(const struct ern_footage *f) {
+  const double due = fmin(fmax(f->between, 0.001), 0.5), left = f->info.start + f->info.duration - f->now_at;
+  return f->info.duration > 0 ? fmin(due, fmax(left, 1.0 / ERN_PREPARE_RATE)) : due;
+}
+
 ern_status ern_footage_next(struct ern_footage *f, const ern_image **frame) {
   const double since = f->from + (double)f->frame / ERN_PREPARE_RATE, at = f->first + since;
   *frame = NULL;
@@ -53,8 +59,7 @@ ern_status ern_footage_next(struct ern_footage *f, const ern_image **frame) {
     const ern_status status = advance(f);
     if (status != ERN_OK) return status;
   }
-  /* a frame is shown until the next one is due */
-  if (!f->has_next && at > f->now_at + fmin(fmax(f->between, 0.001), 0.5) - 1e-4) return ERN_OK;
+  if (!f->has_next && at > f->now_at + last_shown(f) - 1e-4) return ERN_OK;
   f->frame++;
   *frame = &f->now;
   return ERN_OK;

@@ -520,7 +520,8 @@ static void test_replaced(void **state) {
   }
 }
 
-/* A clip that lacks a frame: the poses after it would be those of other frames of the video. */
+/* A clip that lacks a frame: the poses after it would be those of other frames of the video. One that lacks its parsing
+ * has no bounds of the head. */
 static void test_frame_lacks(void **state) {
   (void)state;
   write_record(NULL, 0, 0);
@@ -532,6 +533,9 @@ static void test_frame_lacks(void **state) {
   cli_run(&cli, "dub h.safetensors clip.mp4 --clip gap --audio clip/aud.wav -o no.mp4 --force");
   cli_expect(&cli, 1, "gap: transforms_train.json and transforms_val.json: frame 3 has img_id 4, expected 3", NULL);
   assert_false(cli_there("no.mp4"));
+  assert_int_equal(system("rm -rf gap/parsing && cp clip/transforms_train.json gap"), 0);
+  cli_run(&cli, "dub h.safetensors clip.mp4 --clip gap --audio clip/aud.wav -o gap.mp4 -y --frames 0:1");
+  cli_expect(&cli, 0, "warning: gap: has no parsing/, so the mouth is also drawn on what is before the face", NULL);
 }
 
 static void test_refused(void **state) {

@@ -199,8 +199,30 @@ static void test_times_go_back(void **state) {
   made_job_close(&m);
 }
 
+/* A last frame after a gap is shown up to the end of the file, not as long as the gap. */
+static void test_last_after_gap(void **state) {
+  (void)state;
+  struct made_job m;
+  struct ern_footage footage;
+  const ern_image *image = NULL;
+  size_t count = 0;
+  made_job_open(&m, "clip", SIDE, 0);
+  make_video(m.job.context, "made.mp4", 25, 1, 1);
+  make_joined("joined.mkv", 2, 0.4, 0); /* frames at 0 and 0.4 s, each of 0.04 s */
+  m.job.video = "joined.mkv";
+  support_ok(m.job.context, ern_footage_open(&m.job, &footage));
+  for (;; count++) {
+    support_ok(m.job.context, ern_footage_next(&footage, &image));
+    if (image == NULL) break;
+  }
+  assert_int_equal(count, 11);
+  ern_footage_close(&footage);
+  made_job_close(&m);
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_rates), cmocka_unit_test(test_parts),
-                                     cmocka_unit_test(test_no_video), cmocka_unit_test(test_times_go_back)};
+                                     cmocka_unit_test(test_no_video), cmocka_unit_test(test_times_go_back),
+                                     cmocka_unit_test(test_last_after_gap)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -17,6 +17,9 @@ int dubbed_frame_open(struct dubbed_frame *dubbed, struct session *session, ern_
                                   .scale = {(float)wide / (float)square[2], (float)high / (float)square[3]}};
   if (!info.has_landmarks)
     return session_fail_with(session, "%s: has no landmarks (ori_imgs/ID.lms), which place the mouth", folder);
+  if (!info.has_parsing)
+    session_warn(session, "%s: has no parsing/, so the mouth is also drawn on what is before the face, such as a hand",
+                 folder);
   const size_t pixels = ((size_t)wide + 1) * ((size_t)high + 1); /* a part may be rounded up */
   dubbed->head = malloc(pixels * 4);
   dubbed->opacity = malloc(pixels * sizeof *dubbed->opacity);

@@ -146,8 +146,8 @@ int recorded_video_open(struct recorded_video *video, struct session *session, c
   return status;
 }
 
-/* Seconds for which the video's last frame is shown: as long as the one before it, which is the rule of `prepare`, and
- * one of the mean rate at least. */
+/* Seconds for which the video's last frame is shown: as long as the one before it, as `prepare` does at most, and one
+ * of the mean rate at least. */
 static double last_shown(const struct recorded_video *video) {
   const struct recorded_frame *last = &video->window[video->count - 1];
   const double before = video->count > 1 ? fmin(last->at - last[-1].at, 0.5) : 0;
