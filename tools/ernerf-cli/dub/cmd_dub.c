@@ -195,21 +195,6 @@ static int open_sound(struct dub_job *job) {
   return ern_sound_read(session->context, job->audio, &job->sound) == ERN_OK ? 0 : session_fail(session);
 }
 
-/* What is composed: with a label or a watermark, and where a frame is not coded as it was decoded, all of it. Else the
- * square, grown to even numbers. */
-static void choose_region(struct dub_job *job) {
-  const ern_video_info *info = &job->video.info;
-  const int *square = job->video.square;
-  job->in_place = ern_video_frame_is_plain(job->video.window[0].frame) && sink_takes_recorded(&job->sink) &&
-                  job->label.pixels == NULL && job->watermark.pattern == NULL;
-  const int all[4] = {0, 0, info->width, info->height};
-  memcpy(job->region, all, sizeof all);
-  for (int c = 0; c < 2 && job->in_place; c++) {
-    job->region[c] = square[c] & ~1;
-    job->region[c + 2] = ((square[c] + square[c + 2] + 1) & ~1) - job->region[c];
-  }
-}
-
 static int open_all(struct dub_job *job, const struct args *args) {
   struct session *session = &job->session;
   struct portrait *portrait = &job->portrait;
@@ -235,7 +220,8 @@ static int open_all(struct dub_job *job, const struct args *args) {
   if (status == 0) status = label_make(&job->label, session, info->width, info->height);
   if (status == 0) status = watermark_make(&job->watermark, session, info->width, info->height);
   if (status != 0) return status;
-  choose_region(job);
+  job->in_place = sink_takes_recorded(&job->sink) && job->label.pixels == NULL && job->watermark.pattern == NULL;
+  recorded_video_region(&job->video, &job->in_place, job->region);
   job->sink.pixel_aspect = info->pixel_aspect;
   return sink_open(&job->sink, session, info->width, info->height, job->rate, &portrait->info,
                    job->spliced.data != NULL ? &job->spliced : &job->sound, frame_source_seconds(&job->frame_source, 0),
@@ -281,19 +267,6 @@ static ern_status compose(struct dub_job *job, size_t k, uint8_t *rgba) {
   return status;
 }
 
-/* rgba, [height][width][4] of the region, becomes its part in the box, grown to even numbers. part: where that is in
- * the frame. */
-static void cut_part(const struct dub_job *job, const int box[4], uint8_t *rgba, int part[4]) {
-  const int left = box[0] & ~1, top = box[1] & ~1;
-  part[0] = job->region[0] + left;
-  part[1] = job->region[1] + top;
-  part[2] = box[2] > 0 ? ((box[0] + box[2] + 1) & ~1) - left : 0;
-  part[3] = ((box[1] + box[3] + 1) & ~1) - top;
-  const size_t bytes = (size_t)part[2] * 4, row = (size_t)job->region[2] * 4;
-  for (size_t y = 0; bytes > 0 && y < (size_t)part[3]; y++)
-    memmove(rgba + y * bytes, rgba + ((size_t)top + y) * row + (size_t)left * 4, bytes);
-}
-
 /* The region of a recorded frame, into job->recorded. */
 static int read_region(struct dub_job *job, const ern_video_frame *recorded) {
   return recorded_video_rgb(&job->video, &job->session, recorded, job->in_place ? job->region : NULL, &job->recorded);
@@ -308,7 +281,7 @@ static int draw(struct dub_job *job, size_t k, const ern_video_frame *recorded) 
   if (compose(job, k, output.rgba) != ERN_OK)
     return session_fail_with(session, "frame %zu: %s", k, ern_last_error(session->context));
   if (job->in_place) {
-    cut_part(job, job->dubbed.box, output.rgba, part);
+    dubbed_frame_cut(&job->dubbed, job->region, output.rgba, part);
     return sink_put_patched(&job->sink, session, recorded, part);
   }
   if (watermark_put(&job->watermark, session, output.rgba) != 0) return EXIT_FAILURE;
