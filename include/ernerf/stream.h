@@ -98,6 +98,7 @@ typedef struct ern_stream_options {
                                        for it; read by ern_stream_writer_open alone; NULL (default): nothing */
   int (*stop)(void *user); /* as in ern_sound_reader_options, while a call waits for the receiver of the stream */
   void *user;              /* handed to `stop` */
+  double pixel_aspect;     /* width of a pixel over its height, as it is to be shown: 0.01 to 100, default 1 */
 } ern_stream_options;
 
 /* The defaults. */

@@ -82,6 +82,10 @@ CHECK(ern_stream_writer_open) {
   options = ern_stream_options_default(16, 16);
   support_expect(w.context, ern_stream_writer_open(w.context, "a.gif", &options, &writer), ERN_E_UNSUPPORTED,
                  "does not follow from its name", NULL);
+  options.pixel_aspect = 0;
+  REFUSED(w.context, "pixel_aspect is 0, expected 0.01 to 100",
+          ern_stream_writer_open(w.context, "a.ts", &options, &writer));
+  options.pixel_aspect = 1;
   options.format = "theora";
   support_expect(w.context, ern_stream_writer_open(w.context, junk, &options, &writer), ERN_E_UNSUPPORTED,
                  "format is \"theora\"", NULL);

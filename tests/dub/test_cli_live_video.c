@@ -25,7 +25,7 @@ static int make_all(void **state) {
           "train clip -o h.safetensors --iters 150 --rays 128 --lr 0.03 --lr_net 0.005 --levels 2 --validate-frames 1 "
           "--asr_model cepstra --quiet");
   cli_expect(&cli, 0, NULL);
-  recorded_clip_grey("clip.mp4", 1, WIDTH, SIDE, FRAMES);
+  recorded_clip_grey("clip.mp4", 4.0 / 3, WIDTH, SIDE, FRAMES);
   recorded_clip_write(NULL, 0, LEFT, SIDE, FRAMES);
   write_sound();
   return 0;
@@ -47,7 +47,8 @@ static int shown_in(const ern_image *picture) {
   return shown;
 }
 
-/* A video of LONGER frames: it turns, and no recorded frame is left out or jumped over. */
+/* A video of LONGER frames, whose pixels have the recorded shape: it turns, and no recorded frame is left out or jumped
+ * over. */
 static void check_order(const char *path) {
   ern_context *context = support_context();
   ern_video_reader *reader = NULL;
@@ -56,6 +57,9 @@ static void check_order(const char *path) {
   bool end = false;
   int count = 0, turns = 0, last = -1, way = 1;
   support_ok(context, ern_video_reader_open(context, path, &reader));
+  ern_video_info info;
+  ern_video_reader_info(reader, &info);
+  assert_true(fabs(info.pixel_aspect - 4.0 / 3) < 1e-9);
   for (;; count++) {
     support_ok(context, ern_video_reader_frame(reader, &picture, &seconds, &end));
     if (end) break;

@@ -73,6 +73,8 @@ static ern_status check_options(ern_context *context, const char *url, const ern
     if (rows[i].value < rows[i].least || rows[i].value > rows[i].most)
       return ern_fail(context, ERN_E_ARGUMENT, "%s: %s is %d, expected %d to %d", url, rows[i].name, rows[i].value,
                       rows[i].least, rows[i].most);
+  if (!(o->pixel_aspect >= 0.01 && o->pixel_aspect <= 100))
+    return ern_fail(context, ERN_E_ARGUMENT, "%s: pixel_aspect is %g, expected 0.01 to 100", url, o->pixel_aspect);
   const ern_status status = ern_picture_rate_check(context, url, o->rate_numerator, o->rate_denominator);
   return status == ERN_OK ? ern_image_check_sides(context, url, o->width, o->height) : status;
 }
@@ -130,7 +132,7 @@ static ern_status open_tracks(ern_stream_writer *w) {
   if (error < 0 || w->muxer.packet == NULL)
     ERN_TRY(ern_av_fail(w->context, ERN_E_MEDIA, w->url, "make a stream", error < 0 ? error : AVERROR(ENOMEM)));
   const struct ern_picture_settings settings = {
-      .coding = w->form->coding, .codec = ern_video_codec_live(), .crf = o->crf};
+      .coding = w->form->coding, .codec = ern_video_codec_live(), .crf = o->crf, .pixel_aspect = o->pixel_aspect};
   ERN_TRY(ern_picture_track_open(&w->muxer, o->width, o->height, rate, &settings, &w->pictures));
   if (o->sound_rate > 0 && w->form->sound != AV_CODEC_ID_NONE)
     ERN_TRY(ern_sound_track_open_live(&w->muxer, o->sound_rate, o->sound_channels, w->form->sound, &w->sound));

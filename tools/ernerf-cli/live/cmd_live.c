@@ -243,6 +243,7 @@ static int open_video(struct live_job *job) {
   if (job->video.path == NULL) return 0;
   if (live_video_open(&job->video, &job->session, job->portrait.source.path) != 0) return EXIT_FAILURE;
   job->size = (struct dimensions){info->width, info->height};
+  job->output.pixel_aspect = info->pixel_aspect;
   if (asked.width == 0 || (asked.width == info->width && asked.height == info->height)) return 0;
   return session_fail_with(&job->session,
                            "--size is %dx%d, expected %dx%d, that of %s: recorded frames keep their size", asked.width,
