@@ -98,6 +98,7 @@ typedef struct ern_stream_options {
                                        for it; read by ern_stream_writer_open alone; NULL (default): nothing */
   int (*stop)(void *user); /* as in ern_sound_reader_options, while a call waits for the receiver of the stream */
   void *user;              /* handed to `stop` */
+  double pixel_aspect;     /* width of a pixel over its height, as it is to be shown: 0.01 to 100, default 1 */
 } ern_stream_options;
 
 /* The defaults. */
@@ -144,6 +145,12 @@ ERN_API ERN_NODISCARD ern_status ern_stream_writer_open(ern_context *context, co
  * has. */
 ERN_API ERN_NODISCARD ern_status ern_stream_writer_frame(ern_stream_writer *writer, const uint8_t *rgba,
                                                          const float *samples, size_t frames);
+/* As ern_stream_writer_frame, of a plain frame of a video reader whose part (x, y, width, height, even numbers; NULL:
+ * none) is replaced by rgba, [height][width][4]. The other pixels are coded as they were decoded. ERN_E_UNSUPPORTED:
+ * the frame is not plain or has another size than the stream, or the stream is "raw". */
+ERN_API ERN_NODISCARD ern_status ern_stream_writer_patch(ern_stream_writer *writer, const ern_video_frame *frame,
+                                                         const int part[4], const uint8_t *rgba, const float *samples,
+                                                         size_t frames);
 /* Writes what the encoders still hold and the end of the container, closes the output, and frees the writer, also on
  * failure. A file without a picture is not made, and the call is ERN_E_STATE; "raw" makes an empty file. A file that
  * could not be written to its end, as the disk was full, is put in place up to its last whole packet, where there is

@@ -82,6 +82,10 @@ CHECK(ern_stream_writer_open) {
   options = ern_stream_options_default(16, 16);
   support_expect(w.context, ern_stream_writer_open(w.context, "a.gif", &options, &writer), ERN_E_UNSUPPORTED,
                  "does not follow from its name", NULL);
+  options.pixel_aspect = 0;
+  REFUSED(w.context, "pixel_aspect is 0, expected 0.01 to 100",
+          ern_stream_writer_open(w.context, "a.ts", &options, &writer));
+  options.pixel_aspect = 1;
   options.format = "theora";
   support_expect(w.context, ern_stream_writer_open(w.context, junk, &options, &writer), ERN_E_UNSUPPORTED,
                  "format is \"theora\"", NULL);
@@ -90,6 +94,34 @@ CHECK(ern_stream_writer_frame) {
   const uint8_t rgba[16 * 16 * 4] = {0};
   REFUSED_ALONE(ern_stream_writer_frame(NULL, rgba, NULL, 0));
   REFUSED(w.context, "samples is NULL", ern_stream_writer_frame(w.writer, rgba, NULL, 1));
+}
+CHECK(ern_stream_writer_patch) {
+  static const uint8_t rgba[16 * 16 * 4];
+  const int odd[4] = {0, 0, 3, 2}, whole[4] = {0, 0, 16, 16};
+  const ern_video_options video = ern_video_options_default(16, 16);
+  ern_stream_options options = ern_stream_options_default(16, 16);
+  ern_video_writer *file = NULL;
+  ern_video_reader *reader = NULL;
+  ern_video_frame *frame = NULL;
+  ern_stream_writer *raw = NULL;
+  double seconds;
+  support_ok(w.context, ern_video_writer_open(w.context, "plain.mp4", &video, &file));
+  support_ok(w.context, ern_video_writer_frame(file, rgba));
+  support_ok(w.context, ern_video_writer_close(&file));
+  support_ok(w.context, ern_video_reader_open(w.context, "plain.mp4", &reader));
+  support_ok(w.context, ern_video_reader_decode(reader, &frame, &seconds));
+  REFUSED_ALONE(ern_stream_writer_patch(NULL, frame, NULL, NULL, NULL, 0));
+  REFUSED(w.context, "frame is NULL", ern_stream_writer_patch(w.writer, NULL, NULL, NULL, NULL, 0));
+  REFUSED(w.context, "rgba is NULL", ern_stream_writer_patch(w.writer, frame, whole, NULL, NULL, 0));
+  REFUSED(w.context, "samples is NULL", ern_stream_writer_patch(w.writer, frame, NULL, NULL, NULL, 1));
+  assert_int_equal(ern_stream_writer_patch(w.writer, frame, odd, rgba, NULL, 0), ERN_E_SHAPE);
+  options.format = "raw";
+  support_ok(w.context, ern_stream_writer_open(w.context, "raw.rgba", &options, &raw));
+  support_expect(w.context, ern_stream_writer_patch(raw, frame, NULL, NULL, NULL, 0), ERN_E_UNSUPPORTED,
+                 "expected the size of the stream, 16 x 16, and a format other than raw", NULL);
+  ern_stream_writer_abandon(&raw);
+  ern_video_frame_free(&frame);
+  ern_video_reader_free(&reader);
 }
 CHECK(ern_stream_writer_close) {
   ern_stream_writer *none = NULL;
@@ -113,6 +145,7 @@ static const struct arguments_check table[] = {ROW(ern_sound_reader_options_fill
                                                ROW(ern_stream_options_default),
                                                ROW(ern_stream_writer_open),
                                                ROW(ern_stream_writer_frame),
+                                               ROW(ern_stream_writer_patch),
                                                ROW(ern_stream_writer_close),
                                                ROW(ern_stream_writer_abandon)};
 enum { CHECKS = sizeof table / sizeof *table };

@@ -30,12 +30,12 @@ static inline void recorded_clip_write(const char *hash, double from, int x, int
   ern_context_free(&context);
 }
 
-/* A video of side x side pixels. Frame k is grey, 15 k: `frames` is at most 17. */
-static inline void recorded_clip_grey(const char *path, double pixel_aspect, int side, int frames) {
+/* Frame k is grey, 15 k: `frames` is at most 17. */
+static inline void recorded_clip_grey(const char *path, double pixel_aspect, int width, int height, int frames) {
   ern_context *context = support_context();
-  const size_t bytes = (size_t)side * (size_t)side * 4;
+  const size_t bytes = (size_t)width * (size_t)height * 4;
   uint8_t *rgba = malloc(bytes);
-  ern_video_options options = ern_video_options_default(side, side);
+  ern_video_options options = ern_video_options_default(width, height);
   ern_video_writer *writer = NULL;
   assert_non_null(rgba);
   options.pixel_aspect = pixel_aspect;

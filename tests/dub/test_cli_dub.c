@@ -404,7 +404,7 @@ static void test_between(void **state) {
   ern_video_reader *reader = NULL;
   ern_video_info info;
   char hash[65];
-  recorded_clip_grey("steps.mp4", 4.0 / 3, SIDE, FRAMES);
+  recorded_clip_grey("steps.mp4", 4.0 / 3, SIDE, SIDE, FRAMES);
   support_ok(context, ern_file_sha256(context, "steps.mp4", hash));
   write_record(hash, 0.03, 0);
   cli_run(&cli, "dub h.safetensors steps.mp4 --clip clip --audio shorter/aud.wav -o between.mp4 --rest cut -y --quiet");
@@ -502,7 +502,7 @@ static void test_segments(void **state) {
 static void test_replaced(void **state) {
   (void)state;
   write_record(NULL, 0, 0);
-  recorded_clip_grey("grey.mp4", 1, SIDE, FRAMES);
+  recorded_clip_grey("grey.mp4", 1, SIDE, SIDE, FRAMES);
   for (int tenths = 0; tenths < 4; tenths++) {
     char command[256];
     support_clear("moved.mp4");

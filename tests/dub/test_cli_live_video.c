@@ -5,7 +5,8 @@
 
 #include "dub/recorded_clip.h"
 
-enum { SIDE = 96, FRAMES = 12, LONGER = 30, SOUND_RATE = 16000, TOP = SIDE / 4 * SIDE * 3, ALL = SIDE * SIDE * 3 };
+/* The clip's square is that of SIDE pixels at column LEFT of the video, which is WIDTH pixels wide. */
+enum { SIDE = 96, WIDTH = 132, LEFT = 17, FRAMES = 12, LONGER = 30, SOUND_RATE = 16000 };
 
 static struct cli cli;
 
@@ -24,46 +25,45 @@ static int make_all(void **state) {
           "train clip -o h.safetensors --iters 150 --rays 128 --lr 0.03 --lr_net 0.005 --levels 2 --validate-frames 1 "
           "--asr_model cepstra --quiet");
   cli_expect(&cli, 0, NULL);
-  recorded_clip_grey("clip.mp4", 1, SIDE, FRAMES);
-  recorded_clip_write(NULL, 0, 0, SIDE, FRAMES);
+  recorded_clip_grey("clip.mp4", 4.0 / 3, WIDTH, SIDE, FRAMES);
+  recorded_clip_write(NULL, 0, LEFT, SIDE, FRAMES);
   write_sound();
   return 0;
 }
 
-/* A sound longer than the video: it turns, no recorded frame is left out or jumped over, and there is a mouth. */
-static void test_frames(void **state) {
-  (void)state;
+/* The recorded frame that a picture shows: outside the square, and at its top, it is that frame, but for the lower
+ * quarter, where a label is; within the square there is a mouth. */
+static int shown_in(const ern_image *picture) {
+  const int shown = (picture->data[0] + 7) / 15, grey = 15 * shown;
+  int most = 0;
+  assert_true(picture->width == WIDTH && picture->height == SIDE);
+  for (int i = 0; i < WIDTH * SIDE * 3; i++) {
+    const int x = i / 3 % WIDTH, y = i / 3 / WIDTH, apart = abs(picture->data[i] - grey);
+    if (y < SIDE / 4 || (y < SIDE / 4 * 3 && (x < LEFT || x >= LEFT + SIDE)))
+      assert_true(apart <= 5); /* H.264 coded twice */
+    if (apart > most) most = apart;
+  }
+  assert_true(most > 15);
+  return shown;
+}
+
+/* A video of LONGER frames, whose pixels have the recorded shape: it turns, and no recorded frame is left out or jumped
+ * over. */
+static void check_order(const char *path) {
   ern_context *context = support_context();
   ern_video_reader *reader = NULL;
-  ern_image image = {0};
+  ern_image picture = {0};
   double seconds = 0;
   bool end = false;
   int count = 0, turns = 0, last = -1, way = 1;
-  cli_run(&cli,
-          "live h.safetensors --clip clip --video clip.mp4 --audio sound.pcm --audio-format s16le --as-fast "
-          "-o out.mp4 --json - --quiet");
-  cli_expect(&cli, 0, NULL);
-  json_t *report = cli_json(&cli, NULL), *about = cli_json(&cli, "out.mp4.provenance.json");
-  assert_int_equal(json_integer_value(json_object_get(report, "drawn")), LONGER);
-  assert_int_equal(json_integer_value(json_object_get(report, "as_recorded")), 0);
-  assert_string_equal(json_string_value(json_object_get(about, "recorded")), "clip.mp4");
-  json_decref(report);
-  json_decref(about);
-  support_ok(context, ern_video_reader_open(context, "out.mp4", &reader));
+  support_ok(context, ern_video_reader_open(context, path, &reader));
+  ern_video_info info;
+  ern_video_reader_info(reader, &info);
+  assert_true(fabs(info.pixel_aspect - 4.0 / 3) < 1e-9);
   for (;; count++) {
-    int grey[2] = {255, 0}, most = 0;
-    support_ok(context, ern_video_reader_frame(reader, &image, &seconds, &end));
+    support_ok(context, ern_video_reader_frame(reader, &picture, &seconds, &end));
     if (end) break;
-    assert_true(image.width == SIDE && image.height == SIDE);
-    const int shown = (image.data[0] + 7) / 15;
-    for (size_t i = 0; i < TOP; i++) {
-      if (image.data[i] < grey[0]) grey[0] = image.data[i];
-      if (image.data[i] > grey[1]) grey[1] = image.data[i];
-    }
-    assert_true(grey[0] >= 15 * shown - 5 && grey[1] <= 15 * shown + 5); /* H.264 coded twice */
-    for (size_t i = TOP; i < ALL; i++)
-      most = abs(image.data[i] - 15 * shown) > most ? abs(image.data[i] - 15 * shown) : most;
-    assert_true(most > 15);
+    const int shown = shown_in(&picture);
     if (last >= 0 && shown != last + way) {
       assert_int_equal(shown, last - way);
       way = -way;
@@ -73,9 +73,28 @@ static void test_frames(void **state) {
   }
   assert_int_equal(count, LONGER);
   assert_in_range(turns, 2, LONGER / (FRAMES / 2)); /* the ends where it turns are within a quarter of the video */
-  ern_image_free(context, &image);
+  ern_image_free(context, &picture);
   ern_video_reader_free(&reader);
   ern_context_free(&context);
+}
+
+/* A sound longer than the video; coded as decoded, and as RGB. */
+static void test_frames(void **state) {
+  (void)state;
+#define LONG_LIVE "live h.safetensors --clip clip --video clip.mp4 --audio sound.pcm --audio-format s16le --as-fast "
+  cli_run(&cli, LONG_LIVE "-o out.mp4 --json - --quiet");
+  cli_expect(&cli, 0, NULL);
+  json_t *report = cli_json(&cli, NULL), *about = cli_json(&cli, "out.mp4.provenance.json");
+  assert_int_equal(json_integer_value(json_object_get(report, "drawn")), LONGER);
+  assert_int_equal(json_integer_value(json_object_get(report, "as_recorded")), 0);
+  assert_string_equal(json_string_value(json_object_get(about, "recorded")), "clip.mp4");
+  json_decref(report);
+  json_decref(about);
+  check_order("out.mp4");
+  cli_run(&cli, LONG_LIVE "-o marked.mp4 --label . --quiet");
+  cli_expect(&cli, 0, NULL);
+  check_order("marked.mp4");
+#undef LONG_LIVE
 }
 
 /* In real time, with a rate control, and lines of --control. */
@@ -104,13 +123,13 @@ static void test_refused(void **state) {
   cli_run(&cli, LIVE "--torso model");
   cli_expect(&cli, 2, "--torso is about the torso, which is as recorded with --video", NULL);
   cli_run(&cli, LIVE "--size 48x48");
-  cli_expect(&cli, 1, "--size is 48x48, expected 96x96, that of clip.mp4", NULL);
+  cli_expect(&cli, 1, "--size is 48x48, expected 132x96, that of clip.mp4", NULL);
   cli_run(&cli, "live h.safetensors --clip clip --video clip.mp4 --duration 1 -o clip.mp4 -y");
   cli_expect(&cli, 1, "clip.mp4", NULL); /* it is an input */
-  recorded_clip_write("0000000000000000000000000000000000000000000000000000000000000000", 0, 0, SIDE, FRAMES);
+  recorded_clip_write("0000000000000000000000000000000000000000000000000000000000000000", 0, LEFT, SIDE, FRAMES);
   cli_run(&cli, LIVE);
   cli_expect(&cli, 1, "clip.mp4: is not the video of clip", "expected 000000000000", NULL);
-  recorded_clip_write(NULL, 0.2, 0, SIDE, FRAMES); /* the thread meets the end of the video */
+  recorded_clip_write(NULL, 0.2, LEFT, SIDE, FRAMES); /* the thread meets the end of the video */
   cli_run(&cli,
           "live h.safetensors --clip clip --video clip.mp4 --audio sound.pcm --audio-format s16le --as-fast -o no.mp4");
   cli_expect(&cli, 1, "clip.mp4: ends before the clip's frame ", NULL);

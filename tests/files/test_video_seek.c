@@ -4,7 +4,7 @@
 #include <stdbool.h>
 
 #include "core/memory.h"
-#include "ernerf/media.h"
+#include "ernerf/stream.h"
 #include "support.h"
 
 static ern_context *context;
@@ -80,6 +80,35 @@ static void test_seek(void **state) {
 
 /* A frame that is written as it was decoded differs by its coding alone, less than one that went through RGB; its part
  * has the caller's colours. */
+/* The same of a stream: the frame, again, and with the part. */
+static void check_stream(const ern_video_frame *frame, const int part[4], const uint8_t *rgba,
+                         const ern_image *before) {
+  ern_stream_options options = ern_stream_options_default(before->width, before->height);
+  ern_stream_writer *writer = NULL;
+  ern_video_reader *reader = NULL;
+  ern_image after = {0};
+  double seconds = 0;
+  bool end = false;
+  const size_t bytes = (size_t)before->width * (size_t)before->height * 3,
+               corner = 3 * ((size_t)(part[1] + 10) * (size_t)before->width + (size_t)part[0] + 10);
+  options.crf = 0; /* without loss */
+  support_ok(context, ern_stream_writer_open(context, "patched.ts", &options, &writer));
+  support_ok(context, ern_stream_writer_patch(writer, frame, NULL, NULL, NULL, 0));
+  support_ok(context, ern_stream_writer_frame(writer, NULL, NULL, 0));
+  support_ok(context, ern_stream_writer_patch(writer, frame, part, rgba, NULL, 0));
+  support_ok(context, ern_stream_writer_close(&writer));
+  support_ok(context, ern_video_reader_open(context, "patched.ts", &reader));
+  for (int k = 0; k < 2; k++) {
+    support_ok(context, ern_video_reader_frame(reader, &after, &seconds, &end));
+    assert_memory_equal(after.data, before->data, bytes);
+  }
+  support_ok(context, ern_video_reader_frame(reader, &after, &seconds, &end));
+  assert_memory_equal(after.data, before->data, (size_t)(part[1] - 4) * (size_t)before->width * 3);
+  for (int c = 0; c < 3; c++) assert_true(abs(after.data[corner + (size_t)c] - rgba[c]) < 3);
+  ern_image_free(context, &after);
+  ern_video_reader_free(&reader);
+}
+
 static void test_patch(void **state) {
   (void)state;
   enum { SIDE = 64 };
@@ -110,6 +139,7 @@ static void test_patch(void **state) {
   support_ok(context, ern_video_writer_patch(writer, frame, NULL, NULL));
   support_ok(context, ern_video_writer_patch(writer, frame, part, red));
   support_ok(context, ern_video_writer_close(&writer));
+  check_stream(frame, part, red, &before);
   ern_video_frame_free(&frame);
   support_ok(context, ern_video_reader_decode(readers[0], &frame, &seconds));
   assert_null(frame);

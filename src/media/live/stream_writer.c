@@ -15,6 +15,7 @@
 #include "media/live/descriptor_io.h"
 #include "media/live/http_listener.h"
 #include "media/live/picture_track.h"
+#include "media/video/video_frame.h"
 #include "media/video/video_sound.h"
 
 enum {
@@ -72,6 +73,8 @@ static ern_status check_options(ern_context *context, const char *url, const ern
     if (rows[i].value < rows[i].least || rows[i].value > rows[i].most)
       return ern_fail(context, ERN_E_ARGUMENT, "%s: %s is %d, expected %d to %d", url, rows[i].name, rows[i].value,
                       rows[i].least, rows[i].most);
+  if (!(o->pixel_aspect >= 0.01 && o->pixel_aspect <= 100))
+    return ern_fail(context, ERN_E_ARGUMENT, "%s: pixel_aspect is %g, expected 0.01 to 100", url, o->pixel_aspect);
   const ern_status status = ern_picture_rate_check(context, url, o->rate_numerator, o->rate_denominator);
   return status == ERN_OK ? ern_image_check_sides(context, url, o->width, o->height) : status;
 }
@@ -129,7 +132,7 @@ static ern_status open_tracks(ern_stream_writer *w) {
   if (error < 0 || w->muxer.packet == NULL)
     ERN_TRY(ern_av_fail(w->context, ERN_E_MEDIA, w->url, "make a stream", error < 0 ? error : AVERROR(ENOMEM)));
   const struct ern_picture_settings settings = {
-      .coding = w->form->coding, .codec = ern_video_codec_live(), .crf = o->crf};
+      .coding = w->form->coding, .codec = ern_video_codec_live(), .crf = o->crf, .pixel_aspect = o->pixel_aspect};
   ERN_TRY(ern_picture_track_open(&w->muxer, o->width, o->height, rate, &settings, &w->pictures));
   if (o->sound_rate > 0 && w->form->sound != AV_CODEC_ID_NONE)
     ERN_TRY(ern_sound_track_open_live(&w->muxer, o->sound_rate, o->sound_channels, w->form->sound, &w->sound));
@@ -262,21 +265,21 @@ static ern_status write_raw(ern_stream_writer *w, const uint8_t *rgba) {
   return flush(w);
 }
 
-static ern_status write_frame(ern_stream_writer *w, const uint8_t *rgba, const float *samples, size_t frames) {
+/* recorded: NULL, or a frame of which rgba replaces `part`. */
+static ern_status write_frame(ern_stream_writer *w, const ern_video_frame *recorded, const int part[4],
+                              const uint8_t *rgba, const float *samples, size_t frames) {
   ern_status status = ERN_OK;
   if (w->form->muxer == NULL) return write_raw(w, rgba);
   if (w->sound.codec != NULL && frames > 0) ERN_TRY(ern_sound_track_add(&w->muxer, &w->sound, samples, frames));
-  ERN_TRY(ern_picture_track_add(&w->muxer, &w->pictures, rgba));
+  ERN_TRY(recorded == NULL ? ern_picture_track_add(&w->muxer, &w->pictures, rgba)
+                           : ern_picture_track_add_patched(&w->muxer, &w->pictures, recorded->frame, part, rgba));
   ERN_TRY(flush(w));
 fail:
   return status;
 }
 
-ern_status ern_stream_writer_frame(ern_stream_writer *writer, const uint8_t *rgba, const float *samples,
-                                   size_t frames) {
-  ERN_PLAIN_FLOATS;
-  ERN_NEED(NULL, writer);
-  if (frames > 0) ERN_NEED(writer->context, samples);
+static ern_status write_checked(ern_stream_writer *writer, const ern_video_frame *recorded, const int part[4],
+                                const uint8_t *rgba, const float *samples, size_t frames) {
   if (writer->broken != ERN_OK)
     return ern_fail(writer->context, writer->broken, "%s: an earlier call failed, nothing more can be written",
                     writer->url);
@@ -285,9 +288,37 @@ ern_status ern_stream_writer_frame(ern_stream_writer *writer, const uint8_t *rgb
     if (!isfinite(samples[i]))
       return ern_fail(writer->context, ERN_E_NONFINITE, "%s: sample %zu of channel %zu is %g, expected a finite number",
                       writer->url, i / channels, i % channels, (double)samples[i]);
-  writer->broken = or_stopped(writer, write_frame(writer, rgba, samples, frames));
+  writer->broken = or_stopped(writer, write_frame(writer, recorded, part, rgba, samples, frames));
   if (writer->broken != ERN_OK) (void)ern_last_error_copy(writer->context, writer->reason, sizeof writer->reason);
   return writer->broken;
+}
+
+ern_status ern_stream_writer_frame(ern_stream_writer *writer, const uint8_t *rgba, const float *samples,
+                                   size_t frames) {
+  ERN_PLAIN_FLOATS;
+  ERN_NEED(NULL, writer);
+  if (frames > 0) ERN_NEED(writer->context, samples);
+  return write_checked(writer, NULL, NULL, rgba, samples, frames);
+}
+
+ern_status ern_stream_writer_patch(ern_stream_writer *writer, const ern_video_frame *frame, const int part[4],
+                                   const uint8_t *rgba, const float *samples, size_t frames) {
+  ERN_PLAIN_FLOATS;
+  ERN_NEED(NULL, writer);
+  ern_context *context = writer->context;
+  ERN_NEED(context, frame);
+  if (part != NULL) ERN_NEED(context, rgba);
+  if (frames > 0) ERN_NEED(context, samples);
+  const ern_stream_options *o = &writer->options;
+  const int whole[4] = {0, 0, frame->frame->width, frame->frame->height};
+  const ern_status status = ern_video_frame_check(context, writer->url, frame, part != NULL ? part : whole);
+  if (status != ERN_OK) return status;
+  if (writer->form->muxer == NULL || whole[2] != o->width || whole[3] != o->height)
+    return ern_fail(context, ERN_E_UNSUPPORTED,
+                    "%s: a frame of %d x %d pixels of yuv420p, expected the size of the stream, %d x %d, and a format "
+                    "other than raw",
+                    writer->url, whole[2], whole[3], o->width, o->height);
+  return write_checked(writer, frame, part, rgba, samples, frames);
 }
 
 /* Flushes the encoders, writes the trailer, closes the file. */

@@ -30,7 +30,8 @@ void ern_sound_reader_options_fill(ern_sound_reader_options *options, size_t byt
 }
 
 void ern_stream_options_fill(ern_stream_options *options, size_t bytes) {
-  const ern_stream_options own = {.cookie = 0x45525357, .rate_numerator = 25, .rate_denominator = 1, .crf = 18};
+  const ern_stream_options own = {
+      .cookie = 0x45525357, .rate_numerator = 25, .rate_denominator = 1, .crf = 18, .pixel_aspect = 1};
   ern_config_copy_out(options, bytes, &own, sizeof own);
 }
 

@@ -103,6 +103,17 @@ ern_status dubbed_frame_draw(struct dubbed_frame *dubbed, ern_renderer *renderer
   return status;
 }
 
+void dubbed_frame_cut(const struct dubbed_frame *dubbed, const int region[4], uint8_t *rgba, int part[4]) {
+  const int *box = dubbed->box, left = box[0] & ~1, top = box[1] & ~1;
+  part[0] = region[0] + left;
+  part[1] = region[1] + top;
+  part[2] = box[2] > 0 ? ((box[0] + box[2] + 1) & ~1) - left : 0;
+  part[3] = ((box[1] + box[3] + 1) & ~1) - top;
+  const size_t bytes = (size_t)part[2] * 4, row = (size_t)region[2] * 4;
+  for (size_t y = 0; bytes > 0 && y < (size_t)part[3]; y++)
+    memmove(rgba + y * bytes, rgba + ((size_t)top + y) * row + (size_t)left * 4, bytes);
+}
+
 void dubbed_frame_close(struct dubbed_frame *dubbed) {
   free(dubbed->head);
   free(dubbed->opacity);

@@ -33,6 +33,9 @@ ern_status dubbed_frame_box(const struct dubbed_frame *dubbed, const struct fram
 ern_status dubbed_frame_draw(struct dubbed_frame *dubbed, ern_renderer *renderer,
                              const struct frame_source *frame_source, size_t k, const ern_frame_input *whole,
                              const ern_image *recorded, const int square[4], uint8_t *rgba, ern_frame_times *times);
+/* rgba, as drawn over the part `region` (x, y, width, height) of a frame, becomes its part in the box, grown to even
+ * numbers. part: where that is in the frame; no width: nowhere. */
+void dubbed_frame_cut(const struct dubbed_frame *dubbed, const int region[4], uint8_t *rgba, int part[4]);
 void dubbed_frame_close(struct dubbed_frame *dubbed);
 
 #endif

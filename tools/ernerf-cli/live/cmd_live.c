@@ -226,7 +226,7 @@ static int open_poses(struct live_job *job, const struct args *args) {
   struct frame_source *poses = &job->poses;
   int status = frame_source_of_clip(poses, session, job->portrait.clip, FRAME_SOURCE_ALL);
   if (status == 0) status = control_clip(&job->control, session, args, poses);
-  if (status == 0 && job->video.path != NULL) status = live_video_cut(session, &job->portrait, poses);
+  if (status == 0 && job->video.path != NULL) status = live_video_keep_poses(session, &job->portrait, poses);
   if (status == 0) status = frame_source_replay(poses, session, poses->count > 1 ? 2 * poses->count - 1 : 2, NULL);
   if (status != 0) return status;
   job->now = *poses;
@@ -243,6 +243,7 @@ static int open_video(struct live_job *job) {
   if (job->video.path == NULL) return 0;
   if (live_video_open(&job->video, &job->session, job->portrait.source.path) != 0) return EXIT_FAILURE;
   job->size = (struct dimensions){info->width, info->height};
+  job->output.pixel_aspect = info->pixel_aspect;
   if (asked.width == 0 || (asked.width == info->width && asked.height == info->height)) return 0;
   return session_fail_with(&job->session,
                            "--size is %dx%d, expected %dx%d, that of %s: recorded frames keep their size", asked.width,
@@ -270,14 +271,16 @@ static int open_portrait(struct live_job *job, const struct args *args) {
 static int open_rate_control(struct live_job *job, const struct args *args) {
   const size_t values = AUDIO_WINDOWS * (size_t)job->features->window_length * (size_t)job->features->width;
   struct rate_control *control = &job->rate_control;
+  const int *region = job->video.region;
+  const struct dimensions size = job->video.path != NULL ? (struct dimensions){region[2], region[3]} : job->size;
   if (job->unpaced) return 0;
-  job->look = malloc((size_t)job->size.width * (size_t)job->size.height * 4);
+  job->look = malloc((size_t)size.width * (size_t)size.height * 4);
   job->windows = malloc(values * sizeof *job->windows);
   if (job->look == NULL || job->windows == NULL)
-    return session_fail_with(&job->session, "no memory for a picture of %d x %d", job->size.width, job->size.height);
+    return session_fail_with(&job->session, "no memory for a picture of %d x %d", size.width, size.height);
   if (!rate_control_asked(control)) control->hold_fps = SPARE * (float)rate_value(job->rate);
   control->warns_if_unreachable = true;
-  return rate_control_open(control, &job->session, args, &job->portrait, &job->poses, job->features, job->size,
+  return rate_control_open(control, &job->session, args, &job->portrait, &job->poses, job->features, size,
                            live_calibration_draw, job);
 }
 
@@ -307,7 +310,9 @@ static int open_all(struct live_job *job, const struct args *args) {
   if (status == 0) status = open_portrait(job, args);
   if (status == 0) status = open_poses(job, args);
   if (status == 0 && job->video.path != NULL)
-    status = live_video_start(&job->video, session, &job->portrait, &job->poses, job->rate);
+    status = live_video_start(
+        &job->video, session, &job->portrait, &job->poses, job->rate,
+        live_output_takes_recorded(&job->output) && job->label.text == NULL && job->watermark.key == NULL);
   if (status == 0 && job->video.path != NULL) status = live_video_show(&job->video, 0);
   if (status == 0) status = portrait_prune_occupancy(&job->portrait, session, &job->poses, job->features);
   if (status == 0 && job->video.path == NULL)

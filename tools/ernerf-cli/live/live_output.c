@@ -43,6 +43,14 @@ static void count_late(struct live_output *output, double due) {
   atomic_fetch_add(&output->written, 1);
 }
 
+static ern_status write_picture(struct live_output *output, const struct live_picture *picture) {
+  if (picture->repeat || picture->recorded == NULL)
+    return ern_stream_writer_frame(output->writer, picture->repeat ? NULL : picture->rgba, picture->sound,
+                                   picture->samples);
+  return ern_stream_writer_patch(output->writer, picture->recorded, picture->part[2] > 0 ? picture->part : NULL,
+                                 picture->rgba, picture->sound, picture->samples);
+}
+
 /* Serves one reader until it disconnects or the queue ends. It does not get frames from before its connection. */
 static ern_status serve(struct live_output *output) {
   ern_status status = output->writer != NULL ? ERN_OK : open_stream(output);
@@ -50,8 +58,7 @@ static ern_status serve(struct live_output *output) {
     const int place = queue_wait_for_item(&output->queue);
     if (place == QUEUE_CLOSED) break;
     const struct live_picture *picture = &output->pictures[place];
-    status = ern_stream_writer_frame(output->writer, picture->repeat ? NULL : picture->rgba, picture->sound,
-                                     picture->samples);
+    status = write_picture(output, picture);
     if (status == ERN_OK) count_late(output, picture->due);
     queue_pop(&output->queue);
   }
@@ -122,6 +129,7 @@ int live_output_open(struct live_output *output, struct session *session, struct
   output->options.sound_rate = sound_rate;
   output->options.sound_channels = channels;
   output->options.crf = output->crf;
+  if (output->pixel_aspect > 0) output->options.pixel_aspect = output->pixel_aspect;
   output->options.provenance = output->provenance;
   output->options.stop = asks_to_stop;
   output->options.user = output;
@@ -150,6 +158,13 @@ struct live_picture *live_output_next(struct live_output *output, bool *failed) 
   return *failed ? NULL : &output->pictures[place];
 }
 
+bool live_output_takes_recorded(const struct live_output *output) {
+  static const char ending[] = ".rgba";
+  const size_t own = sizeof ending - 1, length = strlen(output->url);
+  if (output->format != NULL) return strcmp(output->format, "raw") != 0;
+  return length < own || strcmp(output->url + length - own, ending) != 0;
+}
+
 void live_output_put(struct live_output *output) { queue_push(&output->queue); }
 
 /* patience: seconds to wait for the reader. */
@@ -176,6 +191,7 @@ void live_output_free(struct live_output *output) {
   for (size_t i = 0; i < LIVE_PICTURES; i++) {
     free(output->pictures[i].rgba);
     free(output->pictures[i].sound);
+    ern_video_frame_free(&output->pictures[i].recorded);
   }
   if (output->session != NULL) queue_free(&output->queue);
   free(output->error);

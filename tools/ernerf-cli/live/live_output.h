@@ -17,8 +17,10 @@ struct live_picture {
   uint8_t *rgba; /* [height][width][4] */
   float *sound;  /* [samples][channels] */
   size_t samples;
-  bool repeat; /* show the last picture again; rgba is ignored */
-  double due;  /* when it should be written, by session_seconds */
+  bool repeat;               /* show the last picture again; the others are ignored */
+  ern_video_frame *recorded; /* NULL, or a plain frame of which rgba replaces `part` */
+  int part[4];               /* x, y, width, height; no width: nothing is replaced */
+  double due;                /* when it should be written, by session_seconds */
 };
 
 struct live_output {
@@ -26,6 +28,7 @@ struct live_output {
   const char *url, *format;
   int crf;
   const ern_provenance *provenance; /* provenance written into the stream, set by the verb; NULL: none */
+  double pixel_aspect;              /* of the frames, width of a pixel over its height, set by the verb; 0: 1 */
   bool drops;                       /* when the queue is full, drop frames; else drawing waits */
   /* made */
   struct session *session;
@@ -55,6 +58,8 @@ int live_output_open(struct live_output *output, struct session *session, struct
 /* The place for the next frame. NULL: the frame is dropped (no reader, or a slow one), or *failed: the writer has
  * failed. */
 struct live_picture *live_output_next(struct live_output *output, bool *failed);
+/* Whether pictures may be recorded frames: not where they are written as RGBA. */
+bool live_output_takes_recorded(const struct live_output *output);
 void live_output_put(struct live_output *output);
 /* Writes the queued frames and ends the stream; soon: within 2 s, else it is left `cut`. output->error says whether the
  * writer failed. */

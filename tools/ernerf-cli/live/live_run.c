@@ -76,7 +76,7 @@ int live_calibration_draw(void *user, ern_renderer *renderer, size_t k, float *r
   const ern_status status = job->video.path != NULL
                                 ? live_video_draw(&job->video, renderer, &job->poses, k, &input, job->look)
                                 : ern_renderer_frame(renderer, &input, &output, NULL);
-  const size_t pixels = (size_t)job->size.width * (size_t)job->size.height;
+  const size_t pixels = (size_t)job->video.region[2] * (size_t)job->video.region[3];
   for (size_t i = 0; job->video.path != NULL && rgb != NULL && i < 3 * pixels; i++)
     rgb[i] = (float)job->look[i / 3 * 4 + i % 3] / 255;
   return status == ERN_OK ? 0 : session_fail(&job->session);
@@ -126,7 +126,11 @@ static int make_frame(struct live_job *job, const ern_live_frame *frame, bool la
   picture->samples = frame->samples;
   picture->due = job->unpaced ? session_seconds() : due_of(job);
   memcpy(picture->sound, frame->sound, frame->samples * (size_t)job->sound.channels * sizeof(float));
+  ern_video_frame_free(&picture->recorded);
   if (!picture->repeat && draw(job, frame, picture->rgba) != 0) return EXIT_FAILURE;
+  if (!picture->repeat && job->video.in_place &&
+      live_video_cut(&job->video, picture->rgba, picture->part, &picture->recorded) != 0)
+    return EXIT_FAILURE;
   if (!picture->repeat && watermark_put(&job->watermark, &job->session, picture->rgba) != 0) return EXIT_FAILURE;
   if (!picture->repeat) label_put(&job->label, frame->seconds, picture->rgba, job->size.width);
   job->repeated += picture->repeat;

@@ -2,6 +2,7 @@
 #include "live/live_video.h"
 
 #include <stdlib.h>
+#include <string.h>
 
 #include "dub/turning_path.h"
 
@@ -14,7 +15,7 @@ int live_video_open(struct live_video *video, struct session *session, const cha
   return status == 0 ? recorded_video_keep(&video->recorded, session) : status;
 }
 
-int live_video_cut(struct session *session, const struct portrait *portrait, struct frame_source *poses) {
+int live_video_keep_poses(struct session *session, const struct portrait *portrait, struct frame_source *poses) {
   size_t low, high;
   if (recorded_video_check(session, portrait->source.path, poses) != 0) return EXIT_FAILURE;
   turning_path_ends(portrait->clip, poses->source_frame, 0, poses->count, &low, &high);
@@ -33,11 +34,17 @@ static void *read_ahead(void *user) {
     const int slot = queue_wait_for_slot(&video->queue);
     if (slot == QUEUE_CLOSED) return NULL;
     place = frame_source_cycle(video->poses, video->rate, k);
+    struct live_recorded *picture = &video->pictures[slot];
     int status = recorded_video_frame(&video->recorded, video->session, recorded_video_second(&now, 0), &frame);
     if (status == 0 && frame == NULL)
       status = session_fail_with(video->session, "%s: ends before the clip's frame %lld", video->path,
                                  (long long)place.pose.img_id);
-    if (status == 0) status = recorded_video_rgb(&video->recorded, video->session, frame, NULL, &video->pictures[slot]);
+    if (status == 0)
+      status = recorded_video_rgb(&video->recorded, video->session, frame, video->in_place ? video->region : NULL,
+                                  &picture->rgb);
+    ern_video_frame_free(&picture->frame);
+    if (status == 0 && ern_video_frame_clone(video->session->context, frame, &picture->frame) != ERN_OK)
+      status = session_fail(video->session);
     if (status != 0) break;
     queue_push(&video->queue);
   }
@@ -46,9 +53,11 @@ static void *read_ahead(void *user) {
 }
 
 int live_video_start(struct live_video *video, struct session *session, const struct portrait *portrait,
-                     const struct frame_source *poses, struct rate rate) {
-  const ern_video_info *info = &video->recorded.info;
-  const size_t places = most_bytes / (3 * (size_t)info->width * (size_t)info->height);
+                     const struct frame_source *poses, struct rate rate, bool in_place) {
+  const size_t frame = (size_t)video->recorded.info.width * (size_t)video->recorded.info.height;
+  video->in_place = in_place;
+  recorded_video_region(&video->recorded, &video->in_place, video->region);
+  const size_t places = most_bytes / (3 * frame / 2 + 3 * (size_t)video->region[2] * (size_t)video->region[3]);
   video->poses = poses;
   video->rate = rate;
   if (dubbed_frame_open(&video->dubbed, session, portrait->clip, portrait->source.path, video->recorded.square) != 0)
@@ -74,8 +83,17 @@ int live_video_show(struct live_video *video, uint64_t number) {
 
 ern_status live_video_draw(struct live_video *video, ern_renderer *renderer, const struct frame_source *frames,
                            size_t k, const ern_frame_input *whole, uint8_t *rgba) {
-  return dubbed_frame_draw(&video->dubbed, renderer, frames, k, whole, video->shown, video->recorded.square, rgba,
-                           NULL);
+  int square[4];
+  memcpy(square, video->recorded.square, sizeof square);
+  for (int c = 0; c < 2; c++) square[c] -= video->region[c];
+  return dubbed_frame_draw(&video->dubbed, renderer, frames, k, whole, &video->shown->rgb, square, rgba, NULL);
+}
+
+int live_video_cut(struct live_video *video, uint8_t *rgba, int part[4], ern_video_frame **recorded) {
+  dubbed_frame_cut(&video->dubbed, video->region, rgba, part);
+  return ern_video_frame_clone(video->session->context, video->shown->frame, recorded) == ERN_OK
+             ? 0
+             : session_fail(video->session);
 }
 
 void live_video_close(struct live_video *video) {
@@ -85,7 +103,10 @@ void live_video_close(struct live_video *video) {
     (void)pthread_join(video->reader, NULL);
     queue_free(&video->queue);
   }
-  for (size_t i = 0; i < LIVE_VIDEO_PICTURES; i++) ern_image_free(video->session->context, &video->pictures[i]);
+  for (size_t i = 0; i < LIVE_VIDEO_PICTURES; i++) {
+    ern_video_frame_free(&video->pictures[i].frame);
+    ern_image_free(video->session->context, &video->pictures[i].rgb);
+  }
   dubbed_frame_close(&video->dubbed);
   recorded_video_close(&video->recorded);
 }

@@ -18,13 +18,18 @@ struct live_video {
   struct rate rate;
   struct recorded_video recorded; /* the thread's, while it runs */
   struct dubbed_frame dubbed;
-  const struct frame_source *poses;        /* of one period, then its first one again */
-  ern_image pictures[LIVE_VIDEO_PICTURES]; /* the queue's: whole recorded frames, RGB */
+  const struct frame_source *poses; /* of one period, then its first one again */
+  bool in_place;                    /* outside `region` the recorded pixels are coded as they were decoded */
+  int region[4]; /* x, y, width, height of what is composed, pixels of the video: the square, or all */
+  struct live_recorded {
+    ern_video_frame *frame;
+    ern_image rgb;                 /* its region */
+  } pictures[LIVE_VIDEO_PICTURES]; /* the queue's */
   struct bounded_queue queue;
   pthread_t reader;
   bool running;
-  uint64_t taken;         /* pictures that left the queue */
-  const ern_image *shown; /* the last one of them; its place in the queue is not free yet */
+  uint64_t taken;                    /* pictures that left the queue */
+  const struct live_recorded *shown; /* the last one of them; its place in the queue is not free yet */
 };
 
 /* The next ones return 0, or EXIT_FAILURE after a message. */
@@ -32,17 +37,20 @@ struct live_video {
 /* Opens the video that the clip was prepared from; another one is refused. */
 int live_video_open(struct live_video *video, struct session *session, const char *clip);
 /* Of all poses of the clip, keeps those between the two frames where the video turns. */
-int live_video_cut(struct session *session, const struct portrait *portrait, struct frame_source *poses);
-/* Starts the thread. poses: those that were kept, forward and backward, then the first one again. They must outlive the
- * video. */
+int live_video_keep_poses(struct session *session, const struct portrait *portrait, struct frame_source *poses);
+/* Starts the thread. in_place: the output takes recorded frames. poses: those that were kept, forward and backward,
+ * then the first one again. They must outlive the video. */
 int live_video_start(struct live_video *video, struct session *session, const struct portrait *portrait,
-                     const struct frame_source *poses, struct rate rate);
+                     const struct frame_source *poses, struct rate rate, bool in_place);
 /* Makes `number` the recorded frame that is drawn on, that of frame_source_cycle(poses, rate, number). Numbers do not
  * fall. */
 int live_video_show(struct live_video *video, uint64_t number);
-/* rgba: the shown frame with the lower face of `whole`, which is frame k of `frames`. */
+/* rgba: the region of the shown frame with the lower face of `whole`, which is frame k of `frames`. */
 ern_status live_video_draw(struct live_video *video, ern_renderer *renderer, const struct frame_source *frames,
                            size_t k, const ern_frame_input *whole, uint8_t *rgba);
+/* After live_video_draw, where frames are coded in place: rgba becomes what was drawn, `part` its place in the frame
+ * (dubbed_frame_cut), and *recorded, which the caller frees, the recorded frame. */
+int live_video_cut(struct live_video *video, uint8_t *rgba, int part[4], ern_video_frame **recorded);
 void live_video_close(struct live_video *video); /* in any state */
 
 #endif
