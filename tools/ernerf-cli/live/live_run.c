@@ -76,9 +76,7 @@ int live_calibration_draw(void *user, ern_renderer *renderer, size_t k, float *r
   const ern_status status = job->video.path != NULL
                                 ? live_video_draw(&job->video, renderer, &job->poses, k, &input, job->look)
                                 : ern_renderer_frame(renderer, &input, &output, NULL);
-  const size_t pixels = (size_t)job->video.region[2] * (size_t)job->video.region[3];
-  for (size_t i = 0; job->video.path != NULL && rgb != NULL && i < 3 * pixels; i++)
-    rgb[i] = (float)job->look[i / 3 * 4 + i % 3] / 255;
+  if (status == ERN_OK && job->video.path != NULL && rgb != NULL) live_video_colours(&job->video, job->look, rgb);
   return status == ERN_OK ? 0 : session_fail(&job->session);
 }
 

@@ -89,6 +89,17 @@ ern_status live_video_draw(struct live_video *video, ern_renderer *renderer, con
   return dubbed_frame_draw(&video->dubbed, renderer, frames, k, whole, &video->shown->rgb, square, rgba, NULL);
 }
 
+void live_video_colours(const struct live_video *video, const uint8_t *rgba, float *rgb) {
+  const int *box = video->dubbed.box;
+  const size_t wide = (size_t)box[2], drawn = wide * (size_t)box[3], row = (size_t)video->region[2],
+               values = 3 * row * (size_t)video->region[3];
+  const uint8_t *corner = rgba + 4 * ((size_t)box[1] * row + (size_t)box[0]);
+  for (size_t i = 0; i < values; i++) {
+    const size_t at = drawn > 0 ? i / 3 % drawn : 0;
+    rgb[i] = drawn > 0 ? (float)corner[4 * (at / wide * row + at % wide) + i % 3] / 255 : 0;
+  }
+}
+
 int live_video_cut(struct live_video *video, uint8_t *rgba, int part[4], ern_video_frame **recorded) {
   dubbed_frame_cut(&video->dubbed, video->region, rgba, part);
   return ern_video_frame_clone(video->session->context, video->shown->frame, recorded) == ERN_OK

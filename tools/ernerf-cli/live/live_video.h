@@ -48,6 +48,9 @@ int live_video_show(struct live_video *video, uint64_t number);
 /* rgba: the region of the shown frame with the lower face of `whole`, which is frame k of `frames`. */
 ern_status live_video_draw(struct live_video *video, ern_renderer *renderer, const struct frame_source *frames,
                            size_t k, const ern_frame_input *whole, uint8_t *rgba);
+/* rgb: [height][width][3] of the region, to compare settings by. It has the pixels of rgba that live_video_draw drew,
+ * as often as they fit, so that its PSNR is theirs; black where none was. */
+void live_video_colours(const struct live_video *video, const uint8_t *rgba, float *rgb);
 /* After live_video_draw, where frames are coded in place: rgba becomes what was drawn, `part` its place in the frame
  * (dubbed_frame_cut), and *recorded, which the caller frees, the recorded frame. */
 int live_video_cut(struct live_video *video, uint8_t *rgba, int part[4], ern_video_frame **recorded);
