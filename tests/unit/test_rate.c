@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * The output's rate: how it is read, and where its frames lie among those of a clip. */
-#include "session/rate.h"
+ * The output's rate: how it is read, and where its frames, and those of a recorded video, lie among a clip's. */
+#include "dub/recorded_video.h"
 
 #include <math.h>
 #include <stdint.h>
@@ -82,8 +82,51 @@ static void test_places(void **state) {
   assert_true(rate_at(rates[1], 1000, 1).place == 0 && rate_at(rates[1], 1000, 1).toward == 0);
 }
 
+/* Against the plain definition: frame k of the clip is the video's frame nearest to its time, the later of two. */
+static void test_recorded_places(void **state) {
+  (void)state;
+  static const struct rate rates[] = {{30, 1}, {30000, 1001}, {24, 1}, {25, 1}, {50, 1}, {60, 1}};
+  static const double from[] = {0, 0.5, 1.13};
+  enum { COUNT = 60 };
+  for (size_t r = 0; r < sizeof rates / sizeof *rates; r++)
+    for (size_t f = 0; f < sizeof from / sizeof *from; f++) {
+      const double rate = rate_value(rates[r]);
+      size_t shows[COUNT]; /* the video's frame that frame k of the clip is */
+      for (size_t k = 0; k < COUNT; k++) shows[k] = (size_t)floor((from[f] + (double)k / 25) * rate + 0.5 + 1e-9);
+      for (size_t i = shows[0] + 1, before = 0; i < shows[COUNT - 1]; i++) {
+        struct recorded_frame window[] = {{.at = round(1000 * (double)(i - 1) / rate) / 1000},
+                                          {.at = round(1000 * (double)i / rate) / 1000}};
+        const struct recorded_video video = {
+            .info = {.rate_numerator = rates[r].numerator, .rate_denominator = rates[r].denominator},
+            .from = from[f],
+            .shown = window[1].at,
+            .window = window,
+            .count = 2};
+        const struct rate_place at = recorded_video_place(&video, COUNT);
+        while (shows[before + 1] <= i) before++;
+        const double step = (double)(shows[before + 1] - shows[before]), after = (double)(i - shows[before]);
+        if (at.place != before || fabs(at.toward - after / step) > 1e-9)
+          fail_msg("rate %g from %g: frame %zu lies at %zu + %g, expected %zu + %g / %g", rate, from[f], i, at.place,
+                   at.toward, before, after, step);
+      }
+    }
+}
+
+/* Where frames do not follow each other at the rate, the time decides. */
+static void test_unsteady_place(void **state) {
+  (void)state;
+  struct recorded_frame window[] = {{.at = 2.0}, {.at = 2.1}};
+  const struct recorded_video video = {
+      .info = {.rate_numerator = 30, .rate_denominator = 1}, .shown = 2.1, .window = window, .count = 2};
+  const struct rate_place at = recorded_video_place(&video, 100);
+  assert_int_equal(at.place, 52);
+  assert_true(fabs(at.toward - 0.5) < 1e-6);
+  assert_int_equal(recorded_video_place(&video, 10).place, 9);
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_read), cmocka_unit_test(test_frames),
-                                     cmocka_unit_test(test_places)};
+                                     cmocka_unit_test(test_places), cmocka_unit_test(test_recorded_places),
+                                     cmocka_unit_test(test_unsteady_place)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -36,6 +36,8 @@ struct dub_job {
   struct recorded_video video;
   struct sink sink;
   struct frame_source frame_source;
+  struct frame_source clip_frames; /* all of the clip */
+  struct source_frame shown;       /* what the recorded frame that is drawn on shows: between two of clip_frames */
   struct rate rate;
   ern_features features; /* of --audio */
   ern_sound sound;       /* of --audio */
@@ -166,6 +168,7 @@ static int open_frames(struct dub_job *job, const struct args *args) {
   job->counted = args_given(args, "frames");
   int status = frame_source_of_clip(&job->frame_source, session, job->portrait.clip, FRAME_SOURCE_ALL);
   if (status == 0) status = recorded_video_check(session, job->portrait.source.path, &job->frame_source);
+  if (status == 0) status = frame_source_of_clip(&job->clip_frames, session, job->portrait.clip, FRAME_SOURCE_ALL);
   if (status == 0) status = choose_part(job, args, &job->begin, &end);
   if (status != 0) return status;
   size_t *order = malloc(windows * sizeof *order); /* frames of the clip */
@@ -254,33 +257,42 @@ static double recorded_second(const struct dub_job *job, size_t k) {
   return recorded_video_second(&job->frame_source, k);
 }
 
-/* Frame k over job->recorded, the region of the recorded frame, into rgba. */
+/* The shown frame as the only one of a source. */
+static struct frame_source shown_alone(struct dub_job *job) {
+  struct frame_source alone = job->clip_frames;
+  alone.frame = alone.source_frame;
+  alone.source_frame = &job->shown;
+  alone.count = 1;
+  return alone;
+}
+
+/* The words of frame k over job->recorded, the region of the shown frame, into rgba. */
 static ern_status compose(struct dub_job *job, size_t k, uint8_t *rgba) {
-  const struct frame_source *frame_source = &job->frame_source;
+  const struct frame_source *frame_source = &job->frame_source, shown = shown_alone(job);
   struct dubbed_frame *dubbed = &job->dubbed;
   int square[4];
   float refined[16];
   memcpy(square, job->video.square, sizeof square);
   for (int c = 0; c < 2; c++) square[c] -= job->region[c];
   frame_source_windows(frame_source, k, &job->features, (ern_audio_pad)job->portrait.audio_pad, job->windows);
-  const ern_frame_input whole = {.camera = frame_source_camera(frame_source, k, job->portrait.scale, dubbed->size[0],
-                                                               dubbed->size[1], ERN_FIT_CONTAIN),
-                                 .head_pose = portrait_refined(&job->portrait, frame_source, k, refined),
-                                 .windows = job->windows,
-                                 .window_length = job->features.window_length,
-                                 .eye = frame_source->source_frame[k].eye,
-                                 .individual = ERN_INDIVIDUAL_MEAN,
-                                 .silence_code = job->silence_pose.code,
-                                 .silence_weight = silence_pose_weight(&job->silence_pose, frame_source, k)};
-  return dubbed_frame_draw(dubbed, job->portrait.renderer, frame_source, k, &whole, &job->recorded, square, rgba, NULL);
+  const ern_frame_input whole = {
+      .camera = frame_source_camera(&shown, 0, job->portrait.scale, dubbed->size[0], dubbed->size[1], ERN_FIT_CONTAIN),
+      .head_pose = portrait_refined(&job->portrait, &shown, 0, refined),
+      .windows = job->windows,
+      .window_length = job->features.window_length,
+      .eye = job->shown.eye,
+      .individual = ERN_INDIVIDUAL_MEAN,
+      .silence_code = job->silence_pose.code,
+      .silence_weight = silence_pose_weight(&job->silence_pose, frame_source, k)};
+  return dubbed_frame_draw(dubbed, job->portrait.renderer, &shown, 0, &whole, &job->recorded, square, rgba, NULL);
 }
 
-/* job->region = the box of frame k, grown to even numbers; no width: there is none. */
+/* job->region = the box of the shown frame, grown to even numbers; no width: there is none. */
 static int choose_box(struct dub_job *job, size_t k) {
   const ern_video_info *info = &job->video.info;
+  const struct frame_source shown = shown_alone(job);
   int *region = job->region, box[4];
-  if (dubbed_frame_box(&job->dubbed, &job->frame_source, k, info->width, info->height, job->video.square, box) !=
-      ERN_OK)
+  if (dubbed_frame_box(&job->dubbed, &shown, 0, info->width, info->height, job->video.square, box) != ERN_OK)
     return session_fail_with(&job->session, "frame %zu: %s", k, ern_last_error(job->session.context));
   for (int c = 0; c < 2; c++) {
     region[c] = box[c] & ~1;
@@ -297,6 +309,8 @@ static int read_region(struct dub_job *job, const ern_video_frame *recorded) {
 static int draw(struct dub_job *job, size_t k, const ern_video_frame *recorded) {
   struct session *session = &job->session;
   ern_frame_output output;
+  const struct frame_source *clip = &job->clip_frames;
+  job->shown = frame_source_between(clip->source_frame, recorded_video_place(&job->video, clip->count), k);
   if (job->in_place && choose_box(job, k) != 0) return EXIT_FAILURE;
   const bool any = job->region[2] > 0;
   if (any && read_region(job, recorded) != 0) return EXIT_FAILURE;
@@ -393,6 +407,7 @@ static void close_all(struct dub_job *job) {
   free(job->spliced.data);
   dubbed_frame_close(&job->dubbed);
   frame_source_free(&job->frame_source);
+  frame_source_free(&job->clip_frames);
   recorded_video_close(&job->video);
   ern_image_free(job->session.context, &job->recorded);
   ern_sound_free(job->session.context, &job->sound);

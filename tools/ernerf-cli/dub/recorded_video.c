@@ -165,7 +165,36 @@ int recorded_video_frame(struct recorded_video *video, struct session *session, 
   while (shown + 1 < video->count && fabs(window[shown + 1].at - at) <= fabs(window[shown].at - at)) shown++;
   const bool past = video->ended && at > window[video->count - 1].at + last_shown(video) + 0.04 + EARLY;
   *frame = past ? NULL : window[shown].frame;
+  video->shown = window[shown].at;
   return 0;
+}
+
+/* Number of the frame, of a video of constant rate, that is nearest to the time of the clip's frame k, the later of
+ * two: the one that the clip shows. */
+static double frame_of_clip(const struct recorded_video *video, double k) {
+  return floor((video->from + k / RATE_CLIP) * rate_of(video) + 0.5 + 1e-6);
+}
+
+/* Whether the frames near the shown one lie where the video's rate has them, but for the rounding of their times. */
+static bool is_steady(const struct recorded_video *video, double frame) {
+  const double rate = rate_of(video);
+  const struct recorded_frame *last = &video->window[video->count - 1];
+  return rate >= 1 && fabs((video->shown - video->first) * rate - frame) < 0.1 &&
+         (video->count < 2 || fabs((last->at - last[-1].at) * rate - 1) < 0.1);
+}
+
+struct rate_place recorded_video_place(const struct recorded_video *video, size_t count) {
+  const double since = video->shown - video->first, frame = round(since * rate_of(video));
+  double at = (since - video->from) * RATE_CLIP;
+  if (is_steady(video, frame)) {
+    double k = floor(at);
+    while (frame_of_clip(video, k) > frame) k--;
+    while (frame_of_clip(video, k + 1) <= frame) k++;
+    const double before = frame_of_clip(video, k), after = frame_of_clip(video, k + 1);
+    at = k + (frame - before) / (after - before);
+  }
+  at = fmin(fmax(at, 0), (double)count - 1);
+  return (struct rate_place){(size_t)at, at - floor(at)};
 }
 
 int recorded_video_check(struct session *session, const char *clip, const struct frame_source *frames) {

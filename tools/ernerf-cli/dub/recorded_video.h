@@ -13,6 +13,7 @@ struct recorded_video {
   int square[4]; /* x, y, width, height of the clip's square, pixels of the video */
   double from;   /* seconds from the video's first frame to the clip's */
   double first;  /* time of the video's first frame, seconds */
+  double shown;  /* time of the frame that recorded_video_frame gave last, seconds */
   /* decoded frames that follow each other, the last ones of `places` at most */
   struct recorded_frame {
     ern_video_frame *frame;
@@ -44,6 +45,9 @@ void recorded_video_region(const struct recorded_video *video, bool *in_place, i
  * call, then the same one; the caller frees it. */
 int recorded_video_rgb(struct recorded_video *video, struct session *session, const ern_video_frame *frame,
                        const int part[4], ern_image *image);
+/* Where the frame that recorded_video_frame gave last lies among the `count` frames of the clip, which are taken 25
+ * times a second: k if frame k of the clip is that picture; between two of them by time. */
+struct rate_place recorded_video_place(const struct recorded_video *video, size_t count);
 void recorded_video_close(struct recorded_video *video);
 
 #endif
