@@ -43,7 +43,7 @@ struct dub_job {
   size_t begin, turns;      /* the first one of them; how often they turn back or forward */
   size_t rest;              /* frames of the output after the words, as recorded */
   float *windows, *opacity; /* opacity: [side][side] */
-  uint8_t *head;            /* [side][side][4] */
+  uint8_t *head, *wanted;   /* [side][side][4], [side][side] */
   int side;                 /* of the whole square, as it would be rendered, pixels */
   bool in_place;            /* outside `region` the recorded pixels are coded as they were decoded */
   int region[4];            /* x, y, width, height of what is composed, pixels of the video: the box, or all */
@@ -219,8 +219,9 @@ static int open_pictures(struct dub_job *job) {
   job->scale[1] = (float)job->side / (float)square[3];
   const size_t pixels = ((size_t)job->side + 1) * ((size_t)job->side + 1); /* a part may be rounded up */
   job->head = malloc(pixels * 4);
+  job->wanted = malloc(pixels);
   job->opacity = malloc(pixels * sizeof *job->opacity);
-  if (job->head == NULL || job->opacity == NULL)
+  if (job->head == NULL || job->wanted == NULL || job->opacity == NULL)
     return session_fail_with(&job->session, "no memory for a head of %d x %d", job->side, job->side);
   return 0;
 }
@@ -314,7 +315,8 @@ static ern_status draw_head(struct dub_job *job, size_t k, const ern_camera *cam
                                  .eye = frame_source->source_frame[k].eye,
                                  .individual = ERN_INDIVIDUAL_MEAN,
                                  .silence_code = job->silence_pose.code,
-                                 .silence_weight = silence_pose_weight(&job->silence_pose, frame_source, k)};
+                                 .silence_weight = silence_pose_weight(&job->silence_pose, frame_source, k),
+                                 .wanted = job->wanted};
   const ern_frame_output output = {.rgba = job->head, .opacity = job->opacity};
   const ern_status status = ern_renderer_frame(job->portrait.renderer, &input, &output, NULL);
   const size_t pixels = (size_t)camera->width * (size_t)camera->height;
@@ -350,11 +352,12 @@ static ern_status compose(struct dub_job *job, size_t k, uint8_t *rgba, bool *dr
   if (status == ERN_OK) status = ern_dub_box(context, &input, input.box);
   if (status == ERN_OK && input.box[2] > 0) {
     const ern_camera camera = camera_of(job, k, input.box, input.square);
-    status = draw_head(job, k, &camera);
     input.head = job->head;
     input.head_width = camera.width;
     input.head_height = camera.height;
     memcpy(input.head_scale, job->scale, sizeof input.head_scale);
+    status = ern_dub_wanted(context, &input, job->wanted);
+    if (status == ERN_OK) status = draw_head(job, k, &camera);
   }
   return status == ERN_OK ? ern_dub_frame(context, &input, rgba, drawn) : status;
 }
@@ -483,6 +486,7 @@ static void close_all(struct dub_job *job) {
   free(job->spliced.data);
   free(job->opacity);
   free(job->head);
+  free(job->wanted);
   frame_source_free(&job->frame_source);
   recorded_video_close(&job->video);
   ern_image_free(job->session.context, &job->recorded);
