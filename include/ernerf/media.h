@@ -330,6 +330,16 @@ static inline ERN_NODISCARD ern_status ern_dub_box(ern_context *context, const e
   return ern_dub_box_sized(context, input, sizeof *input, box);
 }
 
+/* wanted: [head_height][head_width], the caller's: 0 for each pixel of `head` that a dubbed frame neither shows nor
+ * takes colours from, so that it need not be rendered (ern_frame_input.wanted), else 255. Reads all but `recorded` and
+ * `head`; the box is not empty. Any number of threads. ERN_E_NONFINITE: as above. */
+ERN_API ERN_NODISCARD ern_status ern_dub_wanted_sized(ern_context *context, const ern_dub_input *input, size_t bytes,
+                                                      uint8_t *wanted);
+static inline ERN_NODISCARD ern_status ern_dub_wanted(ern_context *context, const ern_dub_input *input,
+                                                      uint8_t *wanted) {
+  return ern_dub_wanted_sized(context, input, sizeof *input, wanted);
+}
+
 /* The recorded frame with the rendered lower face in it: the mouth, and the skin from the nose to inside the jaw
  * (docs/dub.md). Skin colours come from well inside the rendered head and are continued to the edge of the mask; their
  * low frequencies are matched to the recorded skin around the mask. rgba: [height][width][4], the caller's, alpha 255.

@@ -161,7 +161,8 @@ class RenderOptions(Structure):
 class FrameInput(Structure):
     _fields_ = [("camera", Camera), ("head_pose", POINTER(c_float)), ("windows", POINTER(c_float)),
                 ("window_length", c_int), ("eye", c_float), ("individual", c_size_t), ("background", POINTER(c_uint8)),
-                ("torso", POINTER(c_uint8)), ("silence_code", POINTER(c_float)), ("silence_weight", c_float)]
+                ("torso", POINTER(c_uint8)), ("silence_code", POINTER(c_float)), ("silence_weight", c_float),
+                ("wanted", POINTER(c_uint8))]
 
 
 class FrameOutput(Structure):
@@ -290,6 +291,7 @@ MEDIA = {
     "ern_clip_pixels": (Status, OBJECT, ENUM, c_size_t, POINTER(Image), POINTER(Image)),
     "ern_clip_dataset_sized": (None, OBJECT, POINTER(Dataset), c_size_t),
     "ern_dub_box_sized": (Status, OBJECT, POINTER(DubInput), c_size_t, POINTER(c_int)),
+    "ern_dub_wanted_sized": (Status, OBJECT, POINTER(DubInput), c_size_t, POINTER(c_uint8)),
     "ern_dub_frame_sized": (Status, OBJECT, POINTER(DubInput), c_size_t, POINTER(c_uint8), POINTER(c_bool)),
     "ern_speech_features": (Status, OBJECT, c_char_p, c_float, POINTER(Features)),
 }

@@ -80,6 +80,18 @@ ern_status ern_dub_box_sized(ern_context *context, const ern_dub_input *input, s
   return status == ERN_OK ? ern_dub_find_box(context, &own, box) : status;
 }
 
+ern_status ern_dub_wanted_sized(ern_context *context, const ern_dub_input *input, size_t bytes, uint8_t *wanted) {
+  ERN_PLAIN_FLOATS;
+  ern_dub_input own = {0};
+  if (context == NULL) return ERN_E_ARGUMENT;
+  ERN_NEED(context, input);
+  ERN_NEED(context, wanted);
+  ern_status status = ERN_COPY_IN(context, ern_dub_input, &own, input, bytes);
+  if (status == ERN_OK) status = check_face(context, &own);
+  if (status == ERN_OK) status = check_pictures(context, &own);
+  return status == ERN_OK ? ern_dub_find_wanted(context, &own, wanted) : status;
+}
+
 ern_status ern_dub_frame_sized(ern_context *context, const ern_dub_input *input, size_t bytes, uint8_t *rgba,
                                bool *drawn) {
   ERN_PLAIN_FLOATS;

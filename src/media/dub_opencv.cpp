@@ -22,6 +22,7 @@ constexpr float margin = 0.08F;              /* of the box, round the lower face
 constexpr float match_deviation = 0.15F;     /* of the low-pass that colours are matched in */
 constexpr float match_most = 15;             /* grey levels */
 constexpr float sure_opacity = 0.95F;        /* of the rendered head: its edge carries a light rim */
+constexpr float certain_depth = 0.02F;       /* colours are taken so far from where it is less */
 constexpr float least_cover = 0.5F;          /* of the mask, by the rendered head */
 constexpr int ring_low = 8, ring_high = 153; /* of 255: where the mask is an edge */
 
@@ -30,7 +31,9 @@ enum { JAW_RIGHT = 2, JAW_LEFT = 14, NOSE = 29, LIPS = 48, LIPS_END = 60 };
 /* The box in the frame, and the face in it. */
 struct face {
   cv::Rect box;                       /* pixels of the frame */
-  std::vector<cv::Point2f> landmarks; /* pixels of the box */
+  cv::Size size;                      /* of a picture of the box, pixels; all that follows is in these */
+  float scale[2];                     /* pixels a pixel of the frame, across and down */
+  std::vector<cv::Point2f> landmarks; /* from the box's corner */
   float width;
 };
 
@@ -46,8 +49,8 @@ cv::Mat depth_of(const cv::Mat &region) {
 
 /* A Gaussian blur; a wide one at a smaller size, which costs less and looks the same. */
 cv::Mat low_pass(const cv::Mat &picture, float deviation) {
-  const int shrink = std::max(1, (int)(deviation / 3)), columns = (picture.cols + shrink - 1) / shrink,
-            rows = (picture.rows + shrink - 1) / shrink;
+  const int shrink = std::clamp((int)(deviation / 3), 1, std::max(picture.cols, picture.rows)),
+            columns = (picture.cols + shrink - 1) / shrink, rows = (picture.rows + shrink - 1) / shrink;
   cv::Mat out, small;
   if (shrink == 1) {
     cv::GaussianBlur(picture, out, cv::Size(), std::max(deviation, 0.3F), 0, cv::BORDER_REPLICATE);
@@ -56,7 +59,7 @@ cv::Mat low_pass(const cv::Mat &picture, float deviation) {
   cv::copyMakeBorder(picture, out, 0, rows * shrink - picture.rows, 0, columns * shrink - picture.cols,
                      cv::BORDER_REPLICATE); /* a whole number of small pixels: faster */
   cv::resize(out, small, cv::Size(columns, rows), 0, 0, cv::INTER_AREA);
-  cv::GaussianBlur(small, small, cv::Size(), deviation / (float)shrink, 0, cv::BORDER_REPLICATE);
+  cv::GaussianBlur(small, small, cv::Size(), std::min(deviation / (float)shrink, 6.0F), 0, cv::BORDER_REPLICATE);
   cv::resize(small, out, out.size(), 0, 0, cv::INTER_LINEAR);
   return out(cv::Rect(0, 0, picture.cols, picture.rows));
 }
@@ -89,10 +92,17 @@ cv::Rect box_of(const ern_dub_input &in) {
   return cv::Rect(tight.x - grow, tight.y - grow, tight.width + 2 * grow, tight.height + 2 * grow) & square;
 }
 
-face face_of(const ern_dub_input &in) {
-  face f{rect(in.box), landmarks_of(in), 0};
-  f.width = width_of(f.landmarks);
-  for (cv::Point2f &point : f.landmarks) point -= cv::Point2f((float)f.box.x, (float)f.box.y);
+/* In pixels of the frame, or of the rendered head. */
+face face_of(const ern_dub_input &in, bool of_head) {
+  face f{rect(in.box),
+         of_head ? cv::Size(in.head_width, in.head_height) : rect(in.box).size(),
+         {1, 1},
+         landmarks_of(in),
+         0};
+  if (of_head) std::copy(in.head_scale, in.head_scale + 2, f.scale);
+  f.width = width_of(f.landmarks) * f.scale[0];
+  for (cv::Point2f &point : f.landmarks)
+    point = cv::Point2f((point.x - (float)f.box.x) * f.scale[0], (point.y - (float)f.box.y) * f.scale[1]);
   return f;
 }
 
@@ -105,13 +115,14 @@ void fill_hull(cv::Mat &mask, const std::vector<cv::Point2f> &points) {
 
 /* 255 where the recorded head is. */
 cv::Mat head_recorded(const ern_dub_input &in, const face &f) {
-  if (in.recorded_head == nullptr) return cv::Mat(f.box.size(), CV_8U, cv::Scalar(255));
+  if (in.recorded_head == nullptr) return cv::Mat(f.size, CV_8U, cv::Scalar(255));
   const ern_image &head = *in.recorded_head;
   const double sx = (double)head.width / in.square[2], sy = (double)head.height / in.square[3];
-  const cv::Matx23d where(sx, 0, sx * (f.box.x - in.square[0] + 0.5) - 0.5, /* pixels' centres */
-                          0, sy, sy * (f.box.y - in.square[1] + 0.5) - 0.5);
+  const double dx = 1 / (double)f.scale[0], dy = 1 / (double)f.scale[1];              /* pixels of the frame */
+  const cv::Matx23d where(sx * dx, 0, sx * (f.box.x - in.square[0] + 0.5 * dx) - 0.5, /* pixels' centres */
+                          0, sy * dy, sy * (f.box.y - in.square[1] + 0.5 * dy) - 0.5);
   cv::Mat there;
-  cv::warpAffine(cv::Mat(head.height, head.width, CV_8U, head.data), there, where, f.box.size(),
+  cv::warpAffine(cv::Mat(head.height, head.width, CV_8U, head.data), there, where, f.size,
                  cv::INTER_LINEAR | cv::WARP_INVERSE_MAP, cv::BORDER_REPLICATE);
   return there > 127;
 }
@@ -128,7 +139,7 @@ cv::Mat in_box(const cv::Mat &picture, const ern_dub_input &in, const face &f, i
 /* 0..255: the lower face inside the jaw and the recorded mouth, inside the recorded head, with a soft edge. */
 cv::Mat mask_of(const face &f, const cv::Mat &head) {
   const std::vector<cv::Point2f> &at = f.landmarks;
-  cv::Mat lower = cv::Mat::zeros(f.box.size(), CV_8U), mouth = lower.clone(), edge;
+  cv::Mat lower = cv::Mat::zeros(f.size, CV_8U), mouth = lower.clone(), edge;
   std::vector<cv::Point2f> outline(at.begin() + JAW_RIGHT, at.begin() + JAW_LEFT + 1), lips;
   outline.push_back(0.5F * (at[JAW_LEFT] + at[NOSE]));
   outline.push_back(at[NOSE]);
@@ -148,24 +159,24 @@ cv::Mat mask_of(const face &f, const cv::Mat &head) {
   return cv::min(mask, edge);
 }
 
+/* Colours of sums (RGB, weight) where there are none yet, and the weight is not too small. */
+void put_missing(cv::Mat &colours, cv::Mat &there, const cv::Mat &sums) {
+  for (int y = 0; y < sums.rows; y++) {
+    for (int x = 0; x < sums.cols; x++) {
+      const cv::Vec4f &sum = sums.at<cv::Vec4f>(y, x);
+      if (there.at<uint8_t>(y, x) != 0 || !(sum[3] > 0.08F)) continue;
+      for (int c = 0; c < 3; c++) colours.at<cv::Vec3b>(y, x)[c] = cv::saturate_cast<uint8_t>(sum[c] / sum[3]);
+      there.at<uint8_t>(y, x) = 255;
+    }
+  }
+}
+
 /* The head's colours where it is certain to be, continued outwards by normalised blurs of growing width; `there`
  * becomes 255 where there is a colour. All in the head's pixels, of which the face is `width` wide. */
 cv::Mat continue_colours(const cv::Mat &head, const cv::Mat &opacity, float width, cv::Mat &there) {
-  cv::Mat known(head.size(), CV_32FC4, cv::Scalar::all(0)), out(head.size(), CV_8UC3, cv::Scalar::all(0)); /* RGB, 1 */
-  there = eroded(depth_of(opacity > 255 * sure_opacity), 0.02F * width);
-  const auto put = [&](const cv::Mat &colour, float least) { /* where there is none yet */
-                                                             for (int y = 0; y < head.rows; y++) {
-                                                               for (int x = 0; x < head.cols; x++) {
-                                                                 const cv::Vec4f &sum = colour.at<cv::Vec4f>(y, x);
-                                                                 if (there.at<uint8_t>(y, x) != 0 || !(sum[3] > least))
-                                                                   continue;
-                                                                 for (int c = 0; c < 3; c++)
-                                                                   out.at<cv::Vec3b>(y, x)[c] =
-                                                                       cv::saturate_cast<uint8_t>(sum[c] / sum[3]);
-                                                                 there.at<uint8_t>(y, x) = 255;
-                                                               }
-                                                             }
-  };
+  cv::Mat known(head.size(), CV_32FC4, cv::Scalar::all(0)),
+      out(head.size(), CV_8UC3, cv::Scalar::all(0)); /* RGB, weight */
+  there = eroded(depth_of(opacity > 255 * sure_opacity), certain_depth * width);
   for (int y = 0; y < head.rows; y++) {
     for (int x = 0; x < head.cols; x++) {
       const cv::Vec4b &colour = head.at<cv::Vec4b>(y, x);
@@ -174,7 +185,8 @@ cv::Mat continue_colours(const cv::Mat &head, const cv::Mat &opacity, float widt
       out.at<cv::Vec3b>(y, x) = cv::Vec3b(colour[0], colour[1], colour[2]);
     }
   }
-  for (float deviation = 0.01F; deviation < 0.2F; deviation *= 2) put(low_pass(known, deviation * width), 0.08F);
+  for (float deviation = 0.01F; deviation < 0.2F; deviation *= 2)
+    put_missing(out, there, low_pass(known, deviation * width));
   return out;
 }
 
@@ -222,8 +234,16 @@ void blend(layers &l, float width) {
   }
 }
 
+/* 255 where the head's colours are used: in the mask, and around it, where it decides which colours are certain. Two
+ * pixels more are for interpolation and for rounding in the smaller mask. */
+void find_wanted(const ern_dub_input &in, uint8_t *wanted) {
+  const face f = face_of(in, true);
+  const cv::Mat mask = mask_of(f, head_recorded(in, f));
+  cv::Mat(depth_of(mask == 0) <= certain_depth * f.width + 2).copyTo(cv::Mat(f.size, CV_8U, wanted));
+}
+
 bool compose(const ern_dub_input &in, uint8_t *rgba) {
-  const face f = face_of(in);
+  const face f = face_of(in, false);
   const cv::Mat head(in.head_height, in.head_width, CV_8UC4, const_cast<uint8_t *>(in.head));
   layers l;
   l.frame = cv::Mat(in.height, in.width, CV_8UC4, rgba)(f.box);
@@ -264,6 +284,15 @@ extern "C" ern_status ern_dub_find_box(ern_context *context, const ern_dub_input
     const cv::Rect found = box_of(*input);
     const int at[4] = {found.x, found.y, found.width, found.height};
     std::copy(at, at + 4, box);
+    return ERN_OK;
+  } catch (...) {
+    return failed(context);
+  }
+}
+
+extern "C" ern_status ern_dub_find_wanted(ern_context *context, const ern_dub_input *input, uint8_t *wanted) {
+  try {
+    find_wanted(*input, wanted);
     return ERN_OK;
   } catch (...) {
     return failed(context);

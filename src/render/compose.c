@@ -122,6 +122,10 @@ static ern_status draw_head(ern_renderer *r, const ern_frame_input *input, const
   const struct ern_arena_mark mark = ern_arena_mark(r->stream);
   ern_status status = ERN_OK;
   ERN_TRY(number_rays(r, &input->camera.frame, view, over ? 1 : r->options.image_scale, &args.pixel_number));
+  if (input->wanted != NULL && over && !r->reuse.on) { /* a reused frame is a whole one */
+    ERN_TRY(ern_renderer_buffer(r, WANTED, ERN_ELEMENT_BYTE, to->pixels, &args.wanted));
+    ERN_TRY(r->backend->upload_bytes(r->stream, args.wanted, input->wanted, to->pixels));
+  }
   if (r->reuse.on && over) {
     args.colour = (ern_rows){.stride = to->pixel.stride, .rows = 3, .per = ERN_PER_SAMPLE};
     ERN_TRY(ern_renderer_buffer(r, COLOUR, ERN_ELEMENT_REAL, 3 * to->pixel.stride, &args.colour.span));

@@ -24,6 +24,7 @@ struct ern_render_rays_args {
   ern_span opacity;               /* out: real [n] */
   ern_span depth, attention, eye; /* out: real [n] */
   ern_span pixel_number;          /* int32 [n] */
+  ern_span wanted;                /* byte [n]; 0: the ray may be left out, as one without samples; zeroed: none may */
   struct ern_view view;
   ern_rows background; /* [3] per ray */
   ern_span bits;

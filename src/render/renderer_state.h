@@ -34,6 +34,7 @@ enum buffer {
   RGB,
   ALPHA,
   COLOUR,
+  WANTED,
   BUFFERS
 };
 

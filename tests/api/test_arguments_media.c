@@ -216,6 +216,14 @@ CHECK(ern_dub_box) {
 CHECK(ern_dub_box_sized) {
   assert_int_equal(ern_dub_box_sized(w.context, &faceless, sizeof faceless + 8, (int[4]){0}), ERN_E_UNSUPPORTED);
 }
+CHECK(ern_dub_wanted) {
+  REFUSED_ALONE(ern_dub_wanted(NULL, &faceless, pixels));
+  REFUSED(w.context, "input is NULL", ern_dub_wanted(w.context, NULL, pixels));
+  REFUSED(w.context, "wanted is NULL", ern_dub_wanted(w.context, &faceless, NULL));
+}
+CHECK(ern_dub_wanted_sized) {
+  assert_int_equal(ern_dub_wanted_sized(w.context, &faceless, sizeof faceless + 8, pixels), ERN_E_UNSUPPORTED);
+}
 CHECK(ern_dub_frame) {
   bool drawn = true;
   REFUSED_ALONE(ern_dub_frame(NULL, &faceless, pixels, &drawn));
@@ -465,6 +473,8 @@ static const struct arguments_check table[] = {ROW(ern_provenance_default),
                                                ROW(ern_video_reader_free),
                                                ROW(ern_dub_box),
                                                ROW(ern_dub_box_sized),
+                                               ROW(ern_dub_wanted),
+                                               ROW(ern_dub_wanted_sized),
                                                ROW(ern_dub_frame),
                                                ROW(ern_dub_frame_sized),
                                                ROW(ern_watermark_open),

@@ -119,6 +119,29 @@ static void test_scaled(void **state) {
   for (size_t i = 0; i < sizeof whole; i++) assert_true(abs(out[i] - whole[i]) <= 1);
 }
 
+/* Of the rendered head only what is asked for matters: with nothing at the other pixels the frame is the same but for
+ * rounding. */
+static void test_wanted(void **state) {
+  (void)state;
+  static uint8_t whole[HEIGHT * WIDTH * 4], wanted[HEIGHT * WIDTH];
+  bool drawn = false;
+  ern_dub_input in = face_at(80, 80, FACE);
+  paint((const uint8_t[3]){40, 20, 20}, 255);
+  find_box(&in);
+  support_ok(context, ern_dub_frame(context, &in, whole, &drawn));
+  support_ok(context, ern_dub_wanted(context, &in, wanted));
+  size_t left_out = 0;
+  const size_t pixels = (size_t)in.head_width * (size_t)in.head_height;
+  for (size_t i = 0; i < pixels; i++) {
+    if (wanted[i] == 0) memset(head + 4 * i, 0, 4);
+    left_out += wanted[i] == 0;
+  }
+  assert_true(left_out > pixels / 8 && left_out < pixels * 3 / 4);
+  support_ok(context, ern_dub_frame(context, &in, out, &drawn));
+  assert_true(drawn);
+  for (size_t i = 0; i < sizeof whole; i++) assert_true(abs(out[i] - whole[i]) <= 1);
+}
+
 /* Of the frame only the box is handed over: the same pixels. */
 static void test_part(void **state) {
   (void)state;
@@ -261,9 +284,14 @@ static int close_context(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_drawn),         cmocka_unit_test(test_matched),
-                                     cmocka_unit_test(test_scaled),        cmocka_unit_test(test_part),
-                                     cmocka_unit_test(test_recorded_head), cmocka_unit_test(test_left_as_recorded),
-                                     cmocka_unit_test(test_any_landmarks), cmocka_unit_test(test_refused)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_drawn),
+                                     cmocka_unit_test(test_matched),
+                                     cmocka_unit_test(test_scaled),
+                                     cmocka_unit_test(test_part),
+                                     cmocka_unit_test(test_wanted),
+                                     cmocka_unit_test(test_recorded_head),
+                                     cmocka_unit_test(test_left_as_recorded),
+                                     cmocka_unit_test(test_any_landmarks),
+                                     cmocka_unit_test(test_refused)};
   return cmocka_run_group_tests(tests, open_context, close_context);
 }

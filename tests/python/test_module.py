@@ -157,7 +157,7 @@ class Module(unittest.TestCase):
         with self.says(ValueError, "square has 3 numbers, expected 4"):
             self.context.dub_box(width, height, landmarks, (0, 0, 4))
         with self.says(ernerf.Error, "square"):
-            self.context.dub_box(width, height, landmarks, (1, 0, width, height))
+            self.context.dub_box(width, height, landmarks, (1, 0, 0, height))
         with self.says(ernerf.Error, "head is NULL"):
             self.context.dub_frame(recorded, None, landmarks)
 

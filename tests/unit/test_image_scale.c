@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  * A head that is drawn small and enlarged, through a renderer: where it lies, and that the background stays as it is.
- */
+ * A head of which only a part is wanted. */
 #include "../support.h"
 
 #include <math.h>
@@ -20,11 +20,13 @@ struct scene {
   ern_model *model;
   float windows[VALUES];
   uint8_t background[3 * PIXELS];
+  const uint8_t *wanted; /* NULL: all */
 };
 
 struct drawn {
   uint8_t rgba[4 * PIXELS];
   float rgb[3 * PIXELS], opacity[PIXELS], depth[PIXELS], attention[PIXELS];
+  double samples;
 };
 
 /* A smooth dense ball, and a background that is noise. */
@@ -56,6 +58,7 @@ static void draw(struct scene *scene, float scale, bool opaque, struct drawn *dr
   ern_render_options options = ern_render_options_default();
   options.image_scale = scale;
   ern_renderer *renderer = NULL;
+  ern_frame_times times;
   support_ok(scene->context, ern_renderer_create(&renderer, scene->backend, scene->model, &options));
   const ern_frame_input input = {.camera = {.pose = {0, -1, 0, 0, 0, 0, -1, 3, 1, 0, 0, 0, 0, 0, 0, 1},
                                             .focal = 3 * DOWN,
@@ -65,14 +68,16 @@ static void draw(struct scene *scene, float scale, bool opaque, struct drawn *dr
                                             .height = DOWN},
                                  .windows = scene->windows,
                                  .window_length = LENGTH,
-                                 .background = opaque ? scene->background : NULL};
+                                 .background = opaque ? scene->background : NULL,
+                                 .wanted = scene->wanted};
   const ern_frame_output output = {.rgba = drawn->rgba,
                                    .rgb = drawn->rgb,
                                    .opacity = drawn->opacity,
                                    .depth = drawn->depth,
                                    .attention = drawn->attention};
   /* twice: the rooms of the first frame are used again */
-  for (int k = 0; k < 2; k++) support_ok(scene->context, ern_renderer_frame(renderer, &input, &output, NULL));
+  for (int k = 0; k < 2; k++) support_ok(scene->context, ern_renderer_frame(renderer, &input, &output, &times));
+  drawn->samples = times.samples;
   ern_renderer_free(&renderer);
 }
 
@@ -133,6 +138,34 @@ static void test_over_nothing(void **state) {
   scene_free(&scene);
 }
 
+/* What is wanted is as in the whole picture, what is not is that or the background, and the fused passes save its
+ * samples. */
+static void test_wanted(void **state) {
+  (void)state;
+  static struct scene scene;
+  static struct drawn whole, part;
+  static uint8_t wanted[PIXELS];
+  ern_backend_info info;
+  scene_make(&scene);
+  draw(&scene, 1, true, &whole);
+  for (int i = 0; i < PIXELS; i++) wanted[i] = i % ACROSS < ACROSS / 2;
+  scene.wanted = wanted;
+  draw(&scene, 1, true, &part);
+  for (size_t i = 0; i < PIXELS; i++) {
+    const bool left_out = wanted[i] == 0 && part.opacity[i] == 0;
+    assert_true(left_out || part.opacity[i] == whole.opacity[i]);
+    assert_memory_equal(part.rgb + 3 * i, whole.rgb + 3 * i, left_out ? 0 : 3 * sizeof *part.rgb);
+    for (size_t c = 0; left_out && c < 3; c++) assert_int_equal(part.rgba[4 * i + c], scene.background[3 * i + c]);
+  }
+  ern_backend_describe(scene.backend, &info);
+  if (strncmp(info.isa, "ref", 3) != 0) assert_true(part.samples < 0.8 * whole.samples);
+  draw(&scene, 0.5f, true, &part); /* the head is drawn small: whole */
+  scene.wanted = NULL;
+  draw(&scene, 0.5f, true, &whole);
+  assert_memory_equal(part.rgb, whole.rgb, sizeof whole.rgb);
+  scene_free(&scene);
+}
+
 static void test_bad_arguments(void **state) {
   (void)state;
   static struct scene scene;
@@ -153,6 +186,7 @@ int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(test_it_lies_where_it_should),
       cmocka_unit_test(test_over_nothing),
+      cmocka_unit_test(test_wanted),
       cmocka_unit_test(test_bad_arguments),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);

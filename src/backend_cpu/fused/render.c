@@ -73,15 +73,18 @@ static bool is_picture(const struct ern_render_rays_args *a) {
   return other == 0;
 }
 
-static void order_picture(struct ray_order *order, const struct ern_view *view, const float *nearest) {
-  const size_t width = (size_t)view->width, height = (size_t)view->height;
+static void order_picture(struct ray_order *order, const struct ern_render_rays_args *a, const float *nearest) {
+  const size_t width = (size_t)a->view.width, height = (size_t)a->view.height;
+  const uint8_t *wanted = a->wanted.buffer != NULL ? (const uint8_t *)a->wanted.buffer->memory + a->wanted.at : NULL;
   for (size_t top = 0; top < height; top += SIDE) {
     for (size_t left = 0; left < width; left += SIDE) {
       const float distance = *nearest++;
       if (!(distance < INFINITY)) continue;
       for (size_t row = top; row < top + SIDE && row < height; row++) {
         for (size_t column = left; column < left + SIDE && column < width; column++) {
-          order->ray[order->count] = (int32_t)(row * width + column);
+          const size_t ray = row * width + column;
+          if (wanted != NULL && wanted[ray] == 0) continue;
+          order->ray[order->count] = (int32_t)ray;
           order->not_before[order->count++] = distance;
         }
       }
@@ -101,7 +104,7 @@ static ern_status make_order(struct ern_stream *stream, const struct ern_render_
   order->not_before = floats(distance);
   ern_tile_culling(floats(nearest), bits, &a->view, a->settings.bound);
   if (is_picture(a)) {
-    order_picture(order, &a->view, floats(nearest));
+    order_picture(order, a, floats(nearest));
     return ERN_OK;
   }
   ERN_TRY(ern_scratch_take(stream, ERN_ELEMENT_INT32, blocks + 1, &first));

@@ -22,8 +22,9 @@ int dubbed_frame_open(struct dubbed_frame *dubbed, struct session *session, ern_
                  folder);
   const size_t pixels = ((size_t)wide + 1) * ((size_t)high + 1); /* a part may be rounded up */
   dubbed->head = malloc(pixels * 4);
+  dubbed->wanted = malloc(pixels);
   dubbed->opacity = malloc(pixels * sizeof *dubbed->opacity);
-  if (dubbed->head == NULL || dubbed->opacity == NULL)
+  if (dubbed->head == NULL || dubbed->wanted == NULL || dubbed->opacity == NULL)
     return session_fail_with(session, "no memory for a head of %d x %d", wide, high);
   return 0;
 }
@@ -72,15 +73,17 @@ static ern_status draw_head(struct dubbed_frame *dubbed, ern_renderer *renderer,
   ern_frame_input input = *whole;
   input.camera = cut_camera(dubbed, &whole->camera, dub);
   input.background = input.torso = NULL;
-  const ern_frame_output output = {.rgba = dubbed->head, .opacity = dubbed->opacity};
-  const ern_status status = ern_renderer_frame(renderer, &input, &output, times);
-  const size_t pixels = (size_t)input.camera.width * (size_t)input.camera.height;
-  for (size_t i = 0; status == ERN_OK && i < pixels; i++)
-    dubbed->head[4 * i + 3] = (uint8_t)(255 * dubbed->opacity[i] + 0.5F);
+  input.wanted = dubbed->wanted;
   dub->head = dubbed->head;
   dub->head_width = input.camera.width;
   dub->head_height = input.camera.height;
   memcpy(dub->head_scale, dubbed->scale, sizeof dub->head_scale);
+  const ern_frame_output output = {.rgba = dubbed->head, .opacity = dubbed->opacity};
+  ern_status status = ern_dub_wanted(dubbed->context, dub, dubbed->wanted);
+  if (status == ERN_OK) status = ern_renderer_frame(renderer, &input, &output, times);
+  const size_t pixels = (size_t)input.camera.width * (size_t)input.camera.height;
+  for (size_t i = 0; status == ERN_OK && i < pixels; i++)
+    dubbed->head[4 * i + 3] = (uint8_t)(255 * dubbed->opacity[i] + 0.5F);
   return status;
 }
 
@@ -116,5 +119,6 @@ void dubbed_frame_cut(const struct dubbed_frame *dubbed, const int region[4], ui
 
 void dubbed_frame_close(struct dubbed_frame *dubbed) {
   free(dubbed->head);
+  free(dubbed->wanted);
   free(dubbed->opacity);
 }

@@ -13,7 +13,7 @@ struct dubbed_frame {
   ern_clip *clip;
   int clip_size[2], size[2]; /* width, height of the clip, and of its whole square as it would be rendered, pixels */
   float scale[2];            /* rendered pixels a pixel of the recorded frame, across and down */
-  uint8_t *head;             /* [size[1]][size[0]][4] */
+  uint8_t *head, *wanted;    /* [size[1]][size[0]][4]; [size[1]][size[0]] */
   float *opacity;            /* [size[1]][size[0]] */
   int box[4]; /* x, y, width, height of what the last frame drew on, pixels of its `recorded`; no width: nothing */
 };
