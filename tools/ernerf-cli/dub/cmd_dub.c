@@ -291,7 +291,8 @@ static double seconds_of(const struct dub_job *job, size_t k) {
 static double recorded_second(const struct dub_job *job, size_t k) {
   const double began = (double)job->begin / RATE_CLIP;
   if (k >= job->frame_source.count) return began + (double)k / rate_value(job->rate);
-  if (job->turns == 0) return began + seconds_of(job, k);
+  const size_t last = job->features.windows - 1;
+  if (job->order[last] == job->begin + last) return began + seconds_of(job, k); /* no turn, and no still */
   const struct source_frame *frame = &job->frame_source.source_frame[k];
   const double from = (double)job->order[frame->place];
   const double to = frame->toward > 0 ? (double)job->order[frame->place + 1] : from;
