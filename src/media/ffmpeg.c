@@ -202,7 +202,7 @@ static bool is_cut_video(const struct ern_decoder *decoder) {
   for (unsigned i = 0; i < container->nb_streams; i++)
     pictures |= container->streams[i]->codecpar->codec_type == AVMEDIA_TYPE_VIDEO &&
                 (container->streams[i]->disposition & AV_DISPOSITION_ATTACHED_PIC) == 0;
-  return pictures && io != NULL && io->eof_reached && io->error >= 0;
+  return pictures && io != NULL && io->eof_reached && io->buf_ptr == io->buf_end && io->error >= 0;
 }
 
 /* Sends the codec the next packet of the stream, or the end of the stream (NULL). */

@@ -261,6 +261,8 @@ static void test_shorter(void **state) {
 
 static void test_part(void **state) {
   (void)state;
+  static uint8_t recorded[SIDE * SIDE / 4 * 3], top[SIDE * SIDE / 4 * 3];
+  size_t apart = 0, later = 0;
 #define PART_DUB "dub h.safetensors clip.mp4 --clip clip --audio shorter/aud.wav -o part.mp4 -y --json - --quiet "
   write_record(NULL, 0, 0);
   cli_run(&cli, PART_DUB "--from 0.12 --to 0.56");
@@ -270,6 +272,15 @@ static void test_part(void **state) {
   cli_run(&cli, PART_DUB "--from 0.4");
   cli_expect(&cli, 0, NULL);
   assert_int_equal(report_number("frames"), SHORTER); /* of the six from there on, forward and backward */
+  cli_run(&cli, PART_DUB "--from 0.2 --to 0.24");     /* one frame: it stands still, and none after it is shown */
+  cli_expect(&cli, 0, NULL);
+  assert_int_equal(report_number("frames"), SHORTER);
+  read_top("clip.mp4", 0.2, recorded);
+  read_top("part.mp4", (SHORTER - 1) / 25.0, top);
+  for (size_t i = 0; i < sizeof top; i++) apart += (size_t)abs(top[i] - recorded[i]);
+  read_top("clip.mp4", 0.2 + (SHORTER - 1) / 25.0, recorded);
+  for (size_t i = 0; i < sizeof top; i++) later += (size_t)abs(top[i] - recorded[i]);
+  assert_true(2 * apart < later);
   cli_run(&cli, PART_DUB "--from 0.4 --to 0.4");
   cli_expect(&cli, 2, "--from 0.40 --to 0.40, expected a part of the seconds 0.00 to 0.64 of clip.mp4", NULL);
   cli_run(&cli, PART_DUB "--to 0.7");

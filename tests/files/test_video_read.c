@@ -267,6 +267,28 @@ static void test_cut_within_a_packet(void **state) {
   ern_release(context, bytes);
 }
 
+/* Matroska has the length of each stream as a tag. */
+static void test_cut_matroska(void **state) {
+  (void)state;
+  uint8_t *bytes = NULL;
+  size_t count = 0;
+  ern_video_reader *reader = NULL;
+  ern_image image = {0};
+  double seconds = 0;
+  write_clicks("clicks.mkv");
+  support_ok(context, ern_file_read(context, "clicks.mkv", 1 << 24, &bytes, &count));
+  for (int whole = 0; whole < 2; whole++) {
+    support_write("cut.mkv", bytes, whole ? count : count / 2);
+    warned[0] = 0;
+    support_ok(context, ern_video_reader_open(context, "cut.mkv", &reader));
+    for (bool end = false; !end;) support_ok(context, ern_video_reader_frame(reader, &image, &seconds, &end));
+    ern_video_reader_free(&reader);
+    if ((strstr(warned, "cut.mkv: may be cut short: its video ends at ") == NULL) != whole) fail_msg("%s", warned);
+  }
+  ern_image_free(context, &image);
+  ern_release(context, bytes);
+}
+
 static void test_interlaced(void **state) {
   (void)state;
   enum { SIDE = 32 };
@@ -290,8 +312,8 @@ static void test_interlaced(void **state) {
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(test_display_matrix),      cmocka_unit_test(test_sound_and_picture_in_step),
-      cmocka_unit_test(test_interlaced),          cmocka_unit_test(test_cut_between_packets),
-      cmocka_unit_test(test_cut_within_a_packet),
+      cmocka_unit_test(test_cut_matroska),        cmocka_unit_test(test_interlaced),
+      cmocka_unit_test(test_cut_between_packets), cmocka_unit_test(test_cut_within_a_packet),
   };
   return cmocka_run_group_tests_name("video_read", tests, set_up, tear_down);
 }

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * Reads video files frame by frame as RGB. */
 #include <libavutil/opt.h>
+#include <libavutil/parseutils.h>
 #include <libavutil/pixdesc.h>
 #include <libswscale/swscale.h>
 #include <math.h>
@@ -231,15 +232,25 @@ static ern_status convert(ern_video_reader *reader, const AVFrame *frame, const 
   return ERN_OK;
 }
 
+/* Seconds of the pictures by the header, in Matroska by a tag; 0: it has none. */
+static double length_by_header(const AVStream *stream) {
+  const AVDictionaryEntry *tag = av_dict_get(stream->metadata, "DURATION", NULL, 0);
+  int64_t microseconds = 0;
+  if (stream->duration > 0) return (double)stream->duration * av_q2d(stream->time_base);
+  if (tag == NULL || av_parse_time(&microseconds, tag->value, 1) < 0) return 0;
+  return 1e-6 * (double)microseconds;
+}
+
 /* Warns where the pictures end before the length that the header states, in which other streams do not count. */
 static void check_end(ern_video_reader *reader) {
   const AVStream *stream = reader->decoder.stream;
   const double unit = av_q2d(stream->time_base);
-  if (!reader->has_first || reader->sought || stream->duration <= 0 ||
+  const int64_t from = stream->duration > 0 ? reader->first : 0; /* a tag counts from second 0 */
+  if (!reader->has_first || reader->sought ||
       reader->decoder.container->duration_estimation_method == AVFMT_DURATION_FROM_BITRATE)
     return;
-  ern_truncation_warn_end(reader->context, reader->decoder.path, "video",
-                          (double)(reader->until - reader->first) * unit, (double)stream->duration * unit);
+  ern_truncation_warn_end(reader->context, reader->decoder.path, "video", (double)(reader->until - from) * unit,
+                          length_by_header(stream));
   reader->has_first = false; /* once */
 }
 

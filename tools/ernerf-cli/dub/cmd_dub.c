@@ -43,6 +43,7 @@ struct dub_job {
   ern_sound sound;       /* of --audio */
   ern_sound spliced;     /* the words and the rest of the recorded sound; empty: `sound` is all */
   size_t begin, turns;   /* the clip's frame that is shown first; how often they turn back or forward */
+  bool steady;           /* they neither turn nor stand still */
   size_t rest;           /* frames of the output after the words, as recorded */
   float *windows;
   struct dubbed_frame dubbed;
@@ -176,6 +177,7 @@ static int open_frames(struct dub_job *job, const struct args *args) {
   job->turns = turning_path(job->portrait.clip, job->frame_source.source_frame, job->begin, end, windows, order);
   if (job->turns > 0) status = recorded_video_keep(&job->video, session);
   if (status == 0) status = frame_source_replay(&job->frame_source, session, windows, order);
+  job->steady = order[windows - 1] == job->begin + windows - 1;
   free(order);
   if (status == 0) status = frame_source_resample(&job->frame_source, session, job->rate, &job->features);
   if (status == 0 && !job->cut && !job->counted && end - job->begin > windows)
@@ -253,7 +255,7 @@ static double seconds_of(const struct dub_job *job, size_t k) {
 static double recorded_second(const struct dub_job *job, size_t k) {
   const double began = (double)job->begin / RATE_CLIP;
   if (k >= job->frame_source.count) return began + (double)k / rate_value(job->rate);
-  if (job->turns == 0) return began + seconds_of(job, k);
+  if (job->steady) return began + seconds_of(job, k);
   return recorded_video_second(&job->frame_source, k);
 }
 
