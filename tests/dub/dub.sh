@@ -21,6 +21,15 @@ echo mine > mine.mp4
 status=0
 "$dub" person.mp4 other/aud.wav -o mine.mp4 2> said.log || status=$?
 [ "$status" = 1 ] && [ "$(cat mine.mp4)" = mine ] || fail "mine.mp4 was replaced"
+ln -s person.mp4 link.mp4
+ln person.mp4 same.mp4
+ln other/aud.wav words.mp4
+for input in ./person.mp4 link.mp4 same.mp4 words.mp4; do
+  status=0
+  "$dub" person.mp4 other/aud.wav -o $input -y 2> said.log || status=$?
+  [ "$status" = 1 ] && grep -q "$input: is an input (.*), expected another name" said.log || fail "$input was taken as the output"
+done
+rm link.mp4 same.mp4 words.mp4
 [ ! -e person ] || fail "work was begun"
 "$dub" person.mp4 other/aud.wav -o new.mp4 --minutes 0.1 --size 128
 [ -s new.mp4 ] && [ -s new.mp4.provenance.json ] || fail "no video"
