@@ -228,6 +228,8 @@ typedef struct ern_video_info {
   double pixel_aspect;                                     /* width of a pixel over its height, as it is shown */
   double start; /* time stamp at which the file begins, seconds: second t of ern_sound_read has the time stamp start + t
                    of ern_video_reader_frame */
+  char other_streams[256]; /* pictures, sound and subtitles that are not read, as many as have place, by number, kind
+                              and FFmpeg's name of the codec: "stream 2 (subtitle, mov_text)"; "": there are none */
 } ern_video_info;
 
 /* On success the caller owns *reader. One thread at a time uses a reader. */
@@ -248,7 +250,7 @@ ERN_API ERN_NODISCARD ern_status ern_video_reader_frame(ern_video_reader *reader
  * none. Decodes from the key frame before it on. ERN_E_UNSUPPORTED: the container format cannot seek. */
 ERN_API ERN_NODISCARD ern_status ern_video_reader_seek(ern_video_reader *reader, double seconds);
 /* As ern_video_reader_frame, but the frame stays in the file's pixel format. *frame: the caller frees it, before or
- * after the reader; NULL after the last frame. */
+ * after the reader; NULL after the last frame. ERN_E_SHAPE: it has not the size of ern_video_reader_info. */
 ERN_API ERN_NODISCARD ern_status ern_video_reader_decode(ern_video_reader *reader, ern_video_frame **frame,
                                                          double *seconds);
 /* The part (x, y, width, height) of one of the reader's frames as the RGB of ern_video_reader_frame; NULL: all of it. A

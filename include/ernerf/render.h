@@ -238,8 +238,8 @@ typedef struct ern_frame_input {
   const float *silence_code; /* [32] that of a clip (ern_renderer_code); may be NULL where silence_weight is 0 */
   float
       silence_weight; /* w, 0..1: the frame's audio code is (1 - w) speech code (after smooth_lips) + w silence_code */
-  const uint8_t *wanted; /* [height][width]; 0: the head at this pixel is not needed, and may be left out to save time.
-                            NULL: all of it is needed */
+  const uint8_t *wanted; /* [height][width]; 0: the head at this pixel is not needed, and may be left out to save time:
+                            then all outputs are as where there is no head. NULL: all of it is needed */
 } ern_frame_input;
 
 /* Where to put the result; what a NULL member stands for is not computed. Memory is the caller's. Plain data, may grow.

@@ -58,6 +58,28 @@ static int orientation_of(const AVStream *stream) {
   return orientation[swapped][(swapped ? b : a) < 0][(swapped ? c : d) < 0];
 }
 
+/* info->other_streams: in words. sound: the index of the one that is read; negative: none. */
+static void name_others(ern_video_reader *reader, int sound) {
+  const AVFormatContext *container = reader->decoder.container;
+  char *text = reader->info.other_streams;
+  size_t used = 0;
+  for (unsigned i = 0; i < container->nb_streams; i++) {
+    const AVStream *stream = container->streams[i];
+    const enum AVMediaType type = stream->codecpar->codec_type;
+    const bool told = type == AVMEDIA_TYPE_AUDIO || type == AVMEDIA_TYPE_SUBTITLE ||
+                      (type == AVMEDIA_TYPE_VIDEO && (stream->disposition & AV_DISPOSITION_ATTACHED_PIC) == 0);
+    if (!told || (int)i == sound || stream == reader->decoder.stream) continue;
+    const int added =
+        snprintf(text + used, sizeof reader->info.other_streams - used, "%sstream %u (%s, %s)", used > 0 ? ", " : "", i,
+                 av_get_media_type_string(type), avcodec_get_name(stream->codecpar->codec_id));
+    if (added < 0 || used + (size_t)added >= sizeof reader->info.other_streams) {
+      text[used] = 0; /* whole names alone */
+      return;
+    }
+    used += (size_t)added;
+  }
+}
+
 static void describe(ern_video_reader *reader) {
   AVFormatContext *container = reader->decoder.container;
   const AVCodecContext *codec = reader->decoder.codec;
@@ -80,6 +102,7 @@ static void describe(ern_video_reader *reader) {
   copy_name(info->video_codec, avcodec_get_name(codec->codec_id));
   copy_name(info->pixel_format, av_get_pix_fmt_name(codec->pix_fmt));
   const int sound = av_find_best_stream(container, AVMEDIA_TYPE_AUDIO, -1, -1, NULL, 0);
+  name_others(reader, sound);
   if (sound < 0) return;
   const AVCodecParameters *parameters = container->streams[sound]->codecpar;
   info->has_sound = true;
@@ -319,6 +342,18 @@ static bool is_plain(const ern_video_reader *reader, const AVFrame *frame) {
          frame->width % 2 == 0 && frame->height % 2 == 0;
 }
 
+/* Whether the decoded frame has the size of ern_video_reader_info. */
+static ern_status check_size(const ern_video_reader *reader, double seconds) {
+  const AVFrame *frame = reader->decoder.frame;
+  const ern_video_info *info = &reader->info;
+  const bool swapped = reader->orientation >= 5; /* rows are stored as columns */
+  const int width = swapped ? frame->height : frame->width, height = swapped ? frame->width : frame->height;
+  if (width == info->width && height == info->height) return ERN_OK;
+  return ern_fail(reader->context, ERN_E_SHAPE,
+                  "%s: its picture at %.2f s has %d x %d pixels, expected %d x %d, as the first one has",
+                  reader->decoder.path, seconds, width, height, info->width, info->height);
+}
+
 ern_status ern_video_reader_decode(ern_video_reader *reader, ern_video_frame **frame, double *seconds) {
   ERN_PLAIN_FLOATS;
   if (frame != NULL) *frame = NULL;
@@ -331,6 +366,7 @@ ern_status ern_video_reader_decode(ern_video_reader *reader, ern_video_frame **f
   ern_status status = ERN_OK;
   ERN_TRY(decode(reader, seconds, &end));
   if (end) return ERN_OK;
+  ERN_TRY(check_size(reader, *seconds));
   ERN_TRY(ern_video_frame_make(context, decoded, is_plain(reader, decoded), frame));
 fail:
   return status;

@@ -237,6 +237,9 @@ static int open_all(struct dub_job *job, const struct args *args) {
   if (status == 0) status = watermark_make(&job->watermark, session, info->width, info->height);
   if (status == 0) status = session_check_inputs_kept(session);
   if (status != 0) return status;
+  if (info->other_streams[0] != 0)
+    session_warn(session, "%s: %s: not in the output, which has the recorded pictures and one sound", job->video_path,
+                 info->other_streams);
   choose_region(job);
   job->sink.pixel_aspect = info->pixel_aspect;
   return sink_open(&job->sink, session, info->width, info->height, job->rate, &portrait->info,

@@ -227,11 +227,7 @@ void recorded_video_region(const struct recorded_video *video, bool *in_place, i
 
 int recorded_video_rgb(struct recorded_video *video, struct session *session, const ern_video_frame *frame,
                        const int part[4], ern_image *image) {
-  const ern_video_info *info = &video->info;
-  if (ern_video_reader_rgb(video->reader, frame, part, image) != ERN_OK) return session_fail(session);
-  if (part != NULL || (image->width == info->width && image->height == info->height)) return 0;
-  return session_fail_with(session, "%s: a picture has %d x %d pixels, the first one %d x %d", video->path,
-                           image->width, image->height, info->width, info->height);
+  return ern_video_reader_rgb(video->reader, frame, part, image) == ERN_OK ? 0 : session_fail(session);
 }
 
 void recorded_video_close(struct recorded_video *video) {
