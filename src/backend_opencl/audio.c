@@ -90,6 +90,10 @@ ern_status ern_cl_audio_fwd(struct ern_stream *stream, struct ern_audio_fwd_args
   ERN_TRY(take_workspace(stream, &a->net, &workspace));
   ERN_TRY(windows_fwd(stream, &workspace, a, 0));
   ERN_TRY(mix_fwd(stream, a->code, &workspace, a));
+  if (a->keep) {
+    a->kept[0] = workspace.codes, a->kept[1] = workspace.values, a->kept[2] = workspace.att;
+    return ERN_OK;
+  }
 fail:
   ern_arena_release(stream, mark);
   return status;
@@ -162,10 +166,14 @@ ern_status ern_cl_audio_bwd(struct ern_stream *stream, struct ern_audio_bwd_args
   const struct ern_arena_mark mark = ern_arena_mark(stream);
   struct workspace workspace, d;
   ern_status status = ERN_OK;
-  ERN_TRY(take_workspace(stream, &a->forward.net, &workspace));
   ERN_TRY(take_workspace(stream, &a->forward.net, &d));
-  ERN_TRY(windows_fwd(stream, &workspace, &a->forward, 0));
-  ERN_TRY(mix_fwd(stream, (ern_span){0}, &workspace, &a->forward));
+  if (a->forward.kept[0].buffer != NULL) {
+    workspace = (struct workspace){a->forward.kept[0], a->forward.kept[1], a->forward.kept[2]};
+  } else {
+    ERN_TRY(take_workspace(stream, &a->forward.net, &workspace));
+    ERN_TRY(windows_fwd(stream, &workspace, &a->forward, 0));
+    ERN_TRY(mix_fwd(stream, (ern_span){0}, &workspace, &a->forward));
+  }
   ERN_TRY(mix_bwd(stream, a, &workspace, &d));
   ERN_TRY(windows_bwd(stream, a, &workspace, &d));
   ERN_TRY(windows_weights(stream, a, &workspace, &d));

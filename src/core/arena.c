@@ -93,11 +93,11 @@ ern_status ern_scratch_take(struct ern_stream *stream, ern_element element, size
 }
 
 ern_status ern_scratch_take_rows(struct ern_stream *stream, int rows, size_t n, ern_rows *out) {
-  size_t stride = 0, count = 0;
+  size_t count = 0;
   *out = (ern_rows){0};
-  if (!ern_size_add(n, 63, &stride) || !ern_size_multiply(stride / 64 * 64, (size_t)rows, &count))
+  if (n > SIZE_MAX - 63 || !ern_size_multiply(ern_scratch_stride(n), (size_t)rows, &count))
     return ern_fail(stream->backend->context, ERN_E_NO_MEMORY, "scratch: %d rows of %zu do not fit", rows, n);
-  out->stride = stride / 64 * 64;
+  out->stride = ern_scratch_stride(n);
   out->rows = rows;
   out->per = ERN_PER_SAMPLE;
   return ern_scratch_take(stream, ERN_ELEMENT_REAL, count, &out->span);

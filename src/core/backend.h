@@ -65,8 +65,10 @@ void ern_arena_trim(struct ern_stream *stream);
 
 /* *span = room for `count` elements, at a multiple of 64; contents undefined. */
 ERN_NODISCARD ern_status ern_scratch_take(struct ern_stream *stream, ern_element element, size_t count, ern_span *span);
-/* The same as `rows` channels of n values, stride n rounded up to 64. */
+/* The same as `rows` channels of n values. */
 ERN_NODISCARD ern_status ern_scratch_take_rows(struct ern_stream *stream, int rows, size_t n, ern_rows *out);
+/* Their stride. n <= SIZE_MAX - 63 */
+static inline size_t ern_scratch_stride(size_t n) { return (n + 63) / 64 * 64; }
 
 /* The rows [first, first + count) of `from`. */
 static inline ern_rows ern_rows_part(ern_rows from, int first, int count) {

@@ -34,6 +34,8 @@ struct ern_audio_fwd_args {
   ern_span windows;    /* [8][window_length][width], as in the file */
   ern_span parameters; /* the whole block */
   struct ern_audio_net net;
+  bool keep;        /* a backend may keep values of the layers for the backward pass, in scratch of the caller */
+  ern_span kept[3]; /* out: these; zeroed: none */
 };
 struct ern_audio_bwd_args {
   ern_span dparameters;              /* the whole block, accumulates */

@@ -7,22 +7,33 @@
 #include "render/frame_input.h"
 #include "render/renderer_state.h"
 
+/* The last frame's window that equals window t of this one; ERN_AUDIO_WINDOWS: none. */
+static size_t window_before(const ern_renderer *r, const ern_frame_input *input, size_t t) {
+  const struct audio_code_cache *cache = &r->audio_code;
+  const size_t values = (size_t)input->window_length * (size_t)r->field.config.feature_width;
+  for (size_t k = 1; k <= ERN_AUDIO_WINDOWS && cache->length == input->window_length; k++) {
+    const size_t was = (t + k) % ERN_AUDIO_WINDOWS;
+    if (memcmp(input->windows + t * values, cache->windows + was * values, values * sizeof(float)) == 0) return was;
+  }
+  return ERN_AUDIO_WINDOWS;
+}
+
 /* Moves the codes of windows shared with the last frame to their new places and sets bit t of *known for window t.
- * Consecutive frames share seven of eight windows, each one place earlier. */
+ * Consecutive frames share seven of eight windows, each one place earlier: one copy moves all seven. */
 static ern_status remember(ern_renderer *r, const ern_frame_input *input, unsigned *known) {
   struct audio_code_cache *cache = &r->audio_code;
-  const size_t values = (size_t)input->window_length * (size_t)r->field.config.feature_width;
   ern_status status = ERN_OK;
+  size_t was[ERN_AUDIO_WINDOWS];
   *known = 0;
-  for (size_t t = 0; t < ERN_AUDIO_WINDOWS && cache->length == input->window_length; t++) {
-    for (size_t k = 1; k <= ERN_AUDIO_WINDOWS && (*known >> t & 1) == 0; k++) {
-      const size_t was = (t + k) % ERN_AUDIO_WINDOWS;
-      if (memcmp(input->windows + t * values, cache->windows + was * values, values * sizeof(float)) != 0) continue;
-      const ern_span to = {cache->codes[1], t * ERN_AUDIO_CODE, ERN_AUDIO_CODE};
-      const ern_span from = {cache->codes[0], was * ERN_AUDIO_CODE, ERN_AUDIO_CODE};
-      ERN_TRY(r->backend->copy(r->stream, to, from, ERN_AUDIO_CODE));
-      *known |= 1u << t;
-    }
+  for (size_t t = 0; t < ERN_AUDIO_WINDOWS; t++) was[t] = window_before(r, input, t);
+  for (size_t t = 0, count = 1; t < ERN_AUDIO_WINDOWS; t += count, count = 1) {
+    if (was[t] == ERN_AUDIO_WINDOWS) continue;
+    while (t + count < ERN_AUDIO_WINDOWS && was[t + count] < ERN_AUDIO_WINDOWS && was[t + count] == was[t] + count)
+      count++;
+    const ern_span to = {cache->codes[1], t * ERN_AUDIO_CODE, count * ERN_AUDIO_CODE};
+    const ern_span from = {cache->codes[0], was[t] * ERN_AUDIO_CODE, count * ERN_AUDIO_CODE};
+    ERN_TRY(r->backend->copy(r->stream, to, from, count * ERN_AUDIO_CODE));
+    *known |= ((1u << count) - 1) << t;
   }
   struct ern_buffer *moved = cache->codes[1];
   cache->codes[1] = cache->codes[0];

@@ -89,7 +89,8 @@ static ern_status begin(struct ern_stream *stream, struct ern_head_step_args *a,
   p->in.parameters = a->parameters;
   p->in.eye = a->eye_value;
   p->in.individual = a->individual;
-  p->audio = (struct ern_audio_fwd_args){p->in.code, a->windows, a->parameters, a->field->audio};
+  p->audio = (struct ern_audio_fwd_args){
+      .code = p->in.code, .windows = a->windows, .parameters = a->parameters, .net = a->field->audio, .keep = true};
   ERN_TRY(take_ray_rows(stream, a->n, p));
   ERN_TRY(stream->backend->audio_fwd(stream, &p->audio));
 fail:
@@ -299,6 +300,7 @@ static void add_pose(struct ern_head_step_args *a, struct pass *p) {
 static ern_status end(struct ern_stream *stream, struct ern_head_step_args *a, struct pass *p) {
   struct ern_audio_bwd_args audio = {a->dparameters, p->dcode, p->audio};
   ern_status status = stream->backend->audio_bwd(stream, &audio);
+  if (status == ERN_OK && a->meanwhile != NULL) a->meanwhile(a->user);
   if (status == ERN_OK) status = stream->backend->synchronize(stream);
   if (status != ERN_OK) return status;
   const double smooth = a->terms[ERN_LOSS_SMOOTHNESS];

@@ -62,6 +62,9 @@ struct ern_head_step_args {
                                 * smoothness term; NULL: not wanted */
   ern_span dpose_weight;       /* real [n], weight of a ray in dpose; zeroed: 1 */
   struct ern_step_patches patches;
+  void (*meanwhile)(
+      void *user); /* work for the host while the device computes, called any number of times; NULL: none */
+  void *user;
   size_t n; /* rays */
 };
 
@@ -77,6 +80,8 @@ struct ern_torso_step_args {
   ern_span pixel_number;
   ern_rows truth, background;
   size_t individual;
+  void (*meanwhile)(void *user); /* as above */
+  void *user;
   size_t n;
 };
 

@@ -49,6 +49,7 @@ ern_status ern_torso_step_stages(struct ern_stream *stream, struct ern_torso_ste
   struct ern_torso_composite_bwd_args backward = {.dlayer = d.layer, .dpixel = dpixel, .forward = composite};
   ERN_TRY(backend->torso_composite_bwd(stream, &backward));
   ERN_TRY(ern_torso_bwd(stream, &in, &batch, &d, args->dparameters));
+  if (args->meanwhile != NULL) args->meanwhile(args->user);
   ERN_TRY(backend->synchronize(stream));
   args->terms[ERN_LOSS_PHOTOMETRIC] = mse.term;
   args->terms[ERN_LOSS_KEY_POINTS] = key_points.term;

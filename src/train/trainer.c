@@ -92,6 +92,8 @@ static ern_status head_step(ern_trainer *t, struct ern_batch *batch, struct ern_
                                     .dpose = ern_trainer_poses_due(t) ? batch->dpose : NULL,
                                     .dpose_weight = batch->rigid,
                                     .patches = patches_of(t, batch),
+                                    .meanwhile = ern_trainer_draw_ahead,
+                                    .user = t,
                                     .n = batch->rays};
   const ern_status status = t->backend->head_step(t->stream, &args);
   add_part(t, sum, args.terms, args.squared_error, args.samples, batch->rays);
@@ -111,6 +113,8 @@ static ern_status torso_step(ern_trainer *t, const struct ern_batch *batch, stru
                                      .truth = batch->truth,
                                      .background = batch->background,
                                      .individual = ern_trainer_code(t, batch->frame),
+                                     .meanwhile = ern_trainer_draw_ahead,
+                                     .user = t,
                                      .n = batch->rays};
   const ern_status status = t->backend->torso_step(t->stream, &args);
   add_part(t, sum, args.terms, args.terms[ERN_LOSS_PHOTOMETRIC], args.samples, batch->rays);

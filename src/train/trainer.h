@@ -72,6 +72,17 @@ struct ern_trainer_parts {
   float *gathered; /* of an occupancy refresh: [ERN_REFRESH_CHUNK]; NULL without a communicator */
 };
 
+/* Training data of a step, or of a part of it: a frame and some of its rays, on the backend (scratch). */
+struct ern_batch {
+  size_t frame, rays, patches; /* patches 0: single rays, no patches */
+  size_t of_step;              /* the frame's number among those of the step */
+  float eye;
+  ern_span pixel_number, jitter, face, windows;
+  ern_rows truth, background;
+  ern_span rigid;                /* real [rays]: 0 in the lower face, which moves relative to the head, else 1 */
+  double dpose[ERN_POSE_SLOPES]; /* after the step, where ern_trainer_poses_due */
+};
+
 struct ern_trainer {
   ern_context *context;
   struct ern_backend *backend;
@@ -111,22 +122,15 @@ struct ern_trainer {
   ern_communicator communicator;  /* size 1: this process is alone */
   struct ern_trainer_parts parts; /* all NULL where a step is one part */
 
-  struct ern_pool *pool;   /* for work on the host */
-  int32_t *host_pixels;    /* [rays] */
-  float *host_rows;        /* [9][rays]: truth, background, face, jitter, rigid */
+  struct ern_pool *pool; /* for work on the host */
+  int32_t *host_pixels;  /* [rays] */
+  float *host_rows;      /* [9][ern_scratch_stride(rays)]: truth, background, face, jitter, rigid */
+  struct {
+    struct ern_batch batch;
+    uint64_t step;         /* 0: none */
+  } drawn;                 /* the batch that host_pixels and host_rows already hold */
   float *host_windows;     /* [8][window_length][width] */
   float *speech_deviation; /* [width]: standard deviations of the features; NULL without noise */
-};
-
-/* Training data of a step, or of a part of it: a frame and some of its rays, on the backend (scratch). */
-struct ern_batch {
-  size_t frame, rays, patches; /* patches 0: single rays, no patches */
-  size_t of_step;              /* the frame's number among those of the step */
-  float eye;
-  ern_span pixel_number, jitter, face, windows;
-  ern_rows truth, background;
-  ern_span rigid;                /* real [rays]: 0 in the lower face, which moves relative to the head, else 1 */
-  double dpose[ERN_POSE_SLOPES]; /* after the step, where ern_trainer_poses_due */
 };
 
 static inline struct ern_march_settings ern_trainer_march(const ern_trainer *t) {
@@ -217,6 +221,9 @@ ERN_NODISCARD ern_status ern_trainer_sum(ern_trainer *t, float *values, size_t c
 /* trainer_batch.c */
 /* Batch k of ern_trainer_step_batches. */
 ERN_NODISCARD ern_status ern_trainer_batch(ern_trainer *t, size_t k, struct ern_batch *batch);
+/* Draws the batch of the step after this one on the host, for a backend that is still computing this one
+ * (ern_head_step_args.meanwhile). Does nothing for a step of several batches or of patches. */
+void ern_trainer_draw_ahead(void *trainer);
 /* Frame k of ern_trainer_step_frames. */
 size_t ern_trainer_step_frame(const ern_trainer *t, size_t k);
 /* The camera of a frame. */

@@ -33,7 +33,11 @@ size_t ern_trainer_random_frame(const ern_trainer *t, uint32_t word) {
 
 /* ---- rays -------------------------------------------------------------------------------------------------------- */
 
-enum { MOST_TILES = 4096 /* of a picture */, LEAST_TILE = 16 /* pixels a side */ };
+enum {
+  MOST_TILES = 4096, /* of a picture */
+  LEAST_TILE = 16,   /* pixels a side */
+  HOST_ROWS = 9      /* of host_rows */
+};
 
 /* The part inside the picture of a box in which a share of the rays is drawn; width 0: empty. */
 struct region {
@@ -49,7 +53,9 @@ struct part {
 /* A batch while it is drawn. */
 struct draw {
   ern_trainer *t;
+  uint64_t step;
   size_t first, rays;           /* range within the step */
+  size_t stride;                /* of a row of host_rows */
   const uint8_t *truth, *torso; /* torso NULL: none */
   const uint8_t *head;          /* as of ern_dataset.head; NULL: not known, or not asked for */
   const ern_dataset_frame *about;
@@ -166,7 +172,8 @@ static void draw_task(void *user, size_t shard, int worker) {
   const struct range p = range_of(draw, shard);
   for (uint32_t tile = 0; tile < draw->tiles; tile++) draw->place[tile * ERN_SHARDS + shard] = 0;
   for (size_t i = p.begin; i < p.end; i++) {
-    const struct ern_random random = ern_random_at(t->config.seed, t->step, (uint32_t)(draw->first + i), ERN_RNG_PIXEL);
+    const struct ern_random random =
+        ern_random_at(t->config.seed, draw->step, (uint32_t)(draw->first + i), ERN_RNG_PIXEL);
     draw->pixel[i] = draw_pixel(draw, &random);
     draw->jitter[i] = ern_uniform(random.word[1]);
     draw->place[tile_of(draw, draw->pixel[i]) * ERN_SHARDS + shard]++;
@@ -191,16 +198,16 @@ static void fill_ray(const struct draw *draw, size_t i, size_t pixel) {
   const float *part = draw->part;
   const ern_trainer *t = draw->t;
   const ern_dataset_frame *about = draw->about;
-  const size_t rays = draw->rays, width = (size_t)t->data.width;
+  const size_t stride = draw->stride, width = (size_t)t->data.width;
   const int row = (int)(pixel / width), column = (int)(pixel % width);
   const uint8_t of_head = draw->head != NULL ? draw->head[pixel] : 128;
   const bool any =
       t->config.torso ? t->config.torso_random_background : t->config.head_random_background && is_known(of_head);
   struct ern_random colour = {{0}};
-  if (any) colour = ern_random_at(t->config.seed, t->step, (uint32_t)(draw->first + i), ERN_RNG_BACKGROUND);
+  if (any) colour = ern_random_at(t->config.seed, draw->step, (uint32_t)(draw->first + i), ERN_RNG_BACKGROUND);
   for (size_t c = 0; c < 3; c++) {
     const float random = ern_uniform(colour.word[c]), clip = part[t->data.background[3 * pixel + c]];
-    float *truth = &t->host_rows[c * rays + i], *behind = &t->host_rows[(3 + c) * rays + i];
+    float *truth = &t->host_rows[c * stride + i], *behind = &t->host_rows[(3 + c) * stride + i];
     if (t->config.torso) {
       *behind = any ? random : clip;
       *truth = over_torso(draw, pixel, c, *behind);
@@ -209,11 +216,11 @@ static void fill_ray(const struct draw *draw, size_t i, size_t pixel) {
       *truth = any && of_head == 0 ? *behind : part[draw->truth[3 * pixel + c]];
     }
   }
-  t->host_rows[6 * rays + i] = about->has_face && row >= about->face.top && row < about->face.bottom &&
-                                       column >= about->face.left && column < about->face.right
-                                   ? 1
-                                   : 0;
-  t->host_rows[8 * rays + i] = lies_in(about->lower_face, row, column) ? 0 : 1;
+  t->host_rows[6 * stride + i] = about->has_face && row >= about->face.top && row < about->face.bottom &&
+                                         column >= about->face.left && column < about->face.right
+                                     ? 1
+                                     : 0;
+  t->host_rows[8 * stride + i] = lies_in(about->lower_face, row, column) ? 0 : 1;
 }
 
 static void fill_task(void *user, size_t shard, int worker) {
@@ -224,7 +231,7 @@ static void fill_task(void *user, size_t shard, int worker) {
   for (size_t i = p.begin; i < p.end; i++) {
     const size_t to = (size_t)draw->place[tile_of(draw, draw->pixel[i]) * ERN_SHARDS + shard]++;
     t->host_pixels[to] = draw->pixel[i];
-    t->host_rows[7 * draw->rays + to] = draw->jitter[i];
+    t->host_rows[7 * draw->stride + to] = draw->jitter[i];
     fill_ray(draw, to, (size_t)draw->pixel[i]);
   }
 }
@@ -262,8 +269,9 @@ static void fill_patches_task(void *user, size_t shard, int worker) {
   const ern_trainer *t = draw->t;
   const struct range p = range_of(draw, shard);
   for (size_t i = p.begin; i < p.end; i++) {
-    const struct ern_random random = ern_random_at(t->config.seed, t->step, (uint32_t)(draw->first + i), ERN_RNG_PIXEL);
-    t->host_rows[7 * draw->rays + i] = ern_uniform(random.word[1]);
+    const struct ern_random random =
+        ern_random_at(t->config.seed, draw->step, (uint32_t)(draw->first + i), ERN_RNG_PIXEL);
+    t->host_rows[7 * draw->stride + i] = ern_uniform(random.word[1]);
     fill_ray(draw, i, (size_t)t->host_pixels[i]);
   }
 }
@@ -274,58 +282,58 @@ static void draw_patches(struct draw *draw, size_t first, size_t count) {
   ern_pool_run(draw->t->pool, ERN_SHARDS, fill_patches_task, draw);
 }
 
+/* All rows in one transfer: on a device each costs about as much as the bytes of 512 rays. */
 static ern_status upload(ern_trainer *t, struct ern_batch *batch) {
   const size_t rays = batch->rays;
+  const bool rigid = ern_trainer_poses_due(t);
+  const int count = rigid ? HOST_ROWS : HOST_ROWS - 1;
   struct ern_backend *backend = t->backend;
   ern_status status = ERN_OK;
+  ern_rows rows;
   ERN_TRY(ern_scratch_take(t->stream, ERN_ELEMENT_INT32, rays, &batch->pixel_number));
-  ERN_TRY(ern_scratch_take(t->stream, ERN_ELEMENT_REAL, rays, &batch->face));
-  ERN_TRY(ern_scratch_take(t->stream, ERN_ELEMENT_REAL, rays, &batch->jitter));
-  ERN_TRY(ern_scratch_take_rows(t->stream, 3, rays, &batch->truth));
-  ERN_TRY(ern_scratch_take_rows(t->stream, 3, rays, &batch->background));
+  ERN_TRY(ern_scratch_take_rows(t->stream, count, rays, &rows));
   ERN_TRY(backend->upload_int32(t->stream, batch->pixel_number, t->host_pixels, rays));
-  for (int c = 0; c < 3; c++) {
-    ERN_TRY(backend->upload_reals(t->stream, ern_span_of_row(batch->truth, c, rays), t->host_rows + (size_t)c * rays,
-                                  rays));
-    ERN_TRY(backend->upload_reals(t->stream, ern_span_of_row(batch->background, c, rays),
-                                  t->host_rows + (size_t)(3 + c) * rays, rays));
-  }
-  ERN_TRY(backend->upload_reals(t->stream, batch->face, t->host_rows + 6 * rays, rays));
-  ERN_TRY(backend->upload_reals(t->stream, batch->jitter, t->host_rows + 7 * rays, rays));
-  if (ern_trainer_poses_due(t)) {
-    ERN_TRY(ern_scratch_take(t->stream, ERN_ELEMENT_REAL, rays, &batch->rigid));
-    ERN_TRY(backend->upload_reals(t->stream, batch->rigid, t->host_rows + 8 * rays, rays));
-  }
+  ERN_TRY(backend->upload_reals(t->stream, rows.span, t->host_rows, rows.span.count));
+  batch->truth = ern_rows_part(rows, 0, 3);
+  batch->background = ern_rows_part(rows, 3, 3);
+  batch->face = ern_span_of_row(rows, 6, rays);
+  batch->jitter = ern_span_of_row(rows, 7, rays);
+  if (rigid) batch->rigid = ern_span_of_row(rows, 8, rays);
 fail:
   return status;
 }
 
-size_t ern_trainer_step_frame(const ern_trainer *t, size_t k) {
-  const struct ern_random random = ern_random_at(t->config.seed, t->step, (uint32_t)k, ERN_RNG_FRAME);
+/* ---- a batch ----------------------------------------------------------------------------------------------------- */
+
+static size_t frame_of_step(const ern_trainer *t, uint64_t step, size_t k) {
+  const struct ern_random random = ern_random_at(t->config.seed, step, (uint32_t)k, ERN_RNG_FRAME);
   if (t->blink_count > 0 && ern_uniform(random.word[2]) < ERN_BLINK_SHARE)
     return t->blinks[ern_below(random.word[0], (uint32_t)t->blink_count)];
   return ern_trainer_random_frame(t, random.word[0]);
 }
 
-ern_status ern_trainer_batch(ern_trainer *t, size_t k, struct ern_batch *batch) {
+size_t ern_trainer_step_frame(const ern_trainer *t, size_t k) { return frame_of_step(t, t->step, k); }
+
+/* Fills host_pixels and host_rows with batch k of a step; patches only of the next one. */
+static ern_status draw_batch(ern_trainer *t, uint64_t step, size_t k, struct ern_batch *batch) {
   const size_t batches = ern_trainer_step_batches(t), patches = ern_trainer_step_patches(t);
   const size_t frame = k * ern_trainer_step_frames(t) / batches;
-  const struct ern_random of_frame = ern_random_at(t->config.seed, t->step, (uint32_t)frame, ERN_RNG_FRAME);
+  const struct ern_random of_frame = ern_random_at(t->config.seed, step, (uint32_t)frame, ERN_RNG_FRAME);
   const size_t each = patches > 0 ? (size_t)t->config.patch_size * (size_t)t->config.patch_size : 1;
   const size_t units = patches > 0 ? patches : (size_t)t->config.rays; /* divided among the batches */
   const size_t first = units * k / batches, count = units * (k + 1) / batches - first;
   ern_dataset_frame about;
   struct draw draw = {.t = t,
+                      .step = step,
                       .about = &about,
                       .first = first * each,
                       .rays = count * each,
+                      .stride = ern_scratch_stride(count * each),
                       .silhouette = {.has = is_silhouette},
                       .whole_head = {.has = is_head}};
   ern_status status = ERN_OK;
-  *batch = (struct ern_batch){.frame = ern_trainer_step_frame(t, frame),
-                              .rays = draw.rays,
-                              .patches = patches > 0 ? count : 0,
-                              .of_step = frame};
+  *batch = (struct ern_batch){
+      .frame = frame_of_step(t, step, frame), .rays = draw.rays, .patches = patches > 0 ? count : 0, .of_step = frame};
   ERN_TRY(ern_trainer_frame(t, 0, batch->frame, &about));
   ERN_TRY(ern_trainer_pixels(t, 0, batch->frame, &draw.truth, &draw.torso));
   if (batch->patches == 0) ERN_TRY(ern_trainer_head(t, batch->frame, &draw.head));
@@ -337,10 +345,36 @@ ern_status ern_trainer_batch(ern_trainer *t, size_t k, struct ern_batch *batch) 
     draw_patches(&draw, first, count);
   else
     ERN_TRY(draw_rays(&draw));
-  ERN_TRY(upload(t, batch));
-  if (!t->config.torso) ERN_TRY(ern_trainer_upload_windows(t, batch->frame, frame, &batch->windows));
 fail:
   ern_release(t->context, draw.silhouette.above);
   ern_release(t->context, draw.whole_head.above);
+  return status;
+}
+
+/* A step has one batch of single rays. */
+static bool is_simple(const ern_trainer *t) {
+  return ern_trainer_step_batches(t) == 1 && ern_trainer_step_patches(t) == 0;
+}
+
+void ern_trainer_draw_ahead(void *trainer) {
+  ern_trainer *t = trainer;
+  char before[ERN_ERROR_BYTES];
+  if (!is_simple(t) || t->drawn.step == t->step + 1 || t->step + 1 >= t->config.iters) return;
+  ern_error_keep(t->context, before);
+  t->drawn.step = draw_batch(t, t->step + 1, 0, &t->drawn.batch) == ERN_OK ? t->step + 1 : 0;
+  ern_error_restore(t->context, before); /* that step will fail again, and report it */
+}
+
+ern_status ern_trainer_batch(ern_trainer *t, size_t k, struct ern_batch *batch) {
+  const bool drawn = is_simple(t) && t->step > 0 && t->drawn.step == t->step;
+  ern_status status = ERN_OK;
+  if (drawn)
+    *batch = t->drawn.batch;
+  else
+    ERN_TRY(draw_batch(t, t->step, k, batch));
+  t->drawn.step = 0;
+  ERN_TRY(upload(t, batch));
+  if (!t->config.torso) ERN_TRY(ern_trainer_upload_windows(t, batch->frame, batch->of_step, &batch->windows));
+fail:
   return status;
 }

@@ -404,7 +404,7 @@ fail:
 static ern_status take_rays(ern_trainer *t) {
   const size_t rays = ern_trainer_most_rays(t);
   ern_status status = ERN_NEW(t->context, rays, &t->host_pixels);
-  if (status == ERN_OK) status = ERN_NEW(t->context, 9 * rays, &t->host_rows);
+  if (status == ERN_OK) status = ERN_NEW(t->context, 9 * ern_scratch_stride(rays), &t->host_rows);
   return status;
 }
 

@@ -6,6 +6,9 @@
 
 #include "made_clip.h"
 
+#include "backend_cpu/backend_cpu.h"
+#include "train/trainer.h"
+
 static void train_to(struct made *m, const char *output, uint64_t iters, int threads, uint64_t save_every) {
   ern_train_config config = small_config(iters, output);
   config.threads = threads;
@@ -116,6 +119,52 @@ static void test_failed_picture_saves(void **state) {
   config.resume = true;
   support_ok(m.context, train(&m, &config, NULL));
   expect_same("whole.safetensors", "gap.safetensors");
+  made_close(&m);
+}
+
+/* The model after a few steps through the stages, in which a device's next batch is drawn while it computes. ahead
+ * false: each batch is drawn in its own step. */
+static char *drawn_model(struct made *m, bool ahead, size_t *count) {
+  const ern_train_config config = small_config(5, NULL);
+  ern_trainer *trainer = NULL;
+  ern_model *model = NULL;
+  ern_train_report report;
+  support_ok(m->context, ern_trainer_create(&trainer, m->backend, &m->data, &config));
+  trainer->cell_count = 64; /* all cells would take the reference seconds */
+  for (uint64_t step = 1; step <= config.iters; step++) {
+    support_ok(m->context, ern_trainer_step(trainer, &report));
+    if (!ahead) trainer->drawn.step = 0;
+    const bool drawn = ahead && step < config.iters && ((struct failing *)m->data.user)->good != -1;
+    assert_int_equal(trainer->drawn.step, drawn ? step : 0);
+  }
+  support_ok(m->context, ern_trainer_model(trainer, &model));
+  support_ok(m->context, ern_model_save(model, "drawn.safetensors"));
+  ern_model_free(&model);
+  ern_trainer_free(&trainer);
+  return read_file("drawn.safetensors", count);
+}
+
+/* A batch that is drawn ahead is the step's own, also after a picture could not be read ahead. */
+static void test_drawn_ahead(void **state) {
+  (void)state;
+  struct made m;
+  size_t count = 0, ahead_count = 0;
+  made_open(&m);
+  ern_backend_free(&m.backend);
+  support_ok(m.context, ern_cpu_backend_make(m.context, ERN_ISA_REF, &m.backend));
+  struct failing failing = {&m, 1000};
+  m.data.user = &failing;
+  m.data.pixels = failing_pixels;
+  m.data.frame = failing_frame;
+  char *expected = drawn_model(&m, false, &count);
+  for (int good = 3; good <= 1000; good += 997) {
+    failing.good = good; /* the fourth call: for step 4, within step 3 */
+    char *found = drawn_model(&m, true, &ahead_count);
+    assert_int_equal(count, ahead_count);
+    assert_memory_equal(expected, found, count);
+    free(found);
+  }
+  free(expected);
   made_close(&m);
 }
 
@@ -244,6 +293,7 @@ int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_failed_validation_saves),
                                      cmocka_unit_test(test_stop_within_a_validation),
                                      cmocka_unit_test(test_failed_picture_saves),
+                                     cmocka_unit_test(test_drawn_ahead),
                                      cmocka_unit_test(test_another_folder),
                                      cmocka_unit_test(test_steps_in_a_callback),
                                      cmocka_unit_test(test_names),

@@ -439,7 +439,8 @@ static ern_status head_step(struct ern_stream *stream, struct ern_head_step_args
   when[1] = ern_profile_now();
   ERN_TRY(ern_scratch_take(stream, ERN_ELEMENT_REAL, ERN_AUDIO_CODE, &code));
   ERN_TRY(ern_scratch_take(stream, ERN_ELEMENT_REAL, ERN_AUDIO_CODE, &dcode));
-  struct ern_audio_fwd_args audio = {code, a->windows, a->parameters, a->field->audio};
+  struct ern_audio_fwd_args audio = {
+      .code = code, .windows = a->windows, .parameters = a->parameters, .net = a->field->audio};
   ERN_TRY(stream->backend->audio_fwd(stream, &audio));
   ERN_TRY(stream->backend->zero(stream, dcode));
   ERN_TRY(take_threads(&s, &weights));

@@ -302,6 +302,7 @@ static ern_status step(void *user, size_t which, size_t times) {
   ern_status status = ERN_OK;
   for (size_t k = 0; k < times && status == ERN_OK; k++) {
     t->step = passes->sixteenth ? ERN_REFRESH_WARM_UP : 1;
+    if (t->drawn.step > 0) t->drawn.step = t->step; /* its next batch is as good as its own */
     status = ern_trainer_step(t, &report);
     s->samples += report.samples_per_ray * t->config.rays;
     s->calls++;
