@@ -85,8 +85,11 @@ void machines_open_as(const struct machines_wish *wish) {
     if (wish->bf16 || strcmp(isas[i], "avx512bf16") != 0) machines_add(isas[i], isas[i], NULL);
   }
   if (cpu && wish->more != NULL && wish->isa == NULL) wish->more();
+  const char *asked = getenv("ERNERF_OPENCL_FORM");
   if (opencl) machines_add("opencl_gpu", NULL, "gpu");
   if (opencl && has_form_for_cpus(machines.backend[machines.count - 1])) machines_add("opencl", NULL, "cpu");
+  if (opencl && (wish->tensor || (asked != NULL && strcmp(asked, "tensor") == 0)))
+    machines_add("opencl_tensor", NULL, "tensor");
 }
 
 void machines_open_on(bool devices) {

@@ -40,5 +40,6 @@ struct ern_cl_form ern_cl_form_for(const struct ern_cl_backend *backend, ern_cl_
   const bool vectors = device->width > 1;
   size_t size = (size_t)backend->size[tunable];
   while (size > 1 && (size * column > device->local_bytes || (!vectors && size > device->group_most))) size /= 2;
-  return vectors ? (struct ern_cl_form){(int)size, outputs, 1} : (struct ern_cl_form){1, outputs, (int)size};
+  return vectors ? (struct ern_cl_form){(int)size, outputs, 1, false}
+                 : (struct ern_cl_form){1, outputs, (int)size, false};
 }

@@ -8,6 +8,7 @@
 /* Sizes of tiles for a device: vectors an item, outputs of a layer that are summed at once, items a group. */
 struct ern_cl_form {
   int vectors, outputs, group;
+  bool tensor; /* wide layers by tensor cores */
 };
 
 enum { ERN_CL_ALIGN = 16 /* reals that a packed matrix begins at a multiple of */ };
@@ -16,7 +17,7 @@ enum { ERN_CL_ALIGN = 16 /* reals that a packed matrix begins at a multiple of *
 struct ern_cl_place {
   ern_span matrix;
   size_t width, column;
-  int outputs; /* of the form */
+  int outputs; /* of the form; 0: for tensor cores */
 };
 /* The place gets A [rows][columns], its rows row_step apart. */
 ERN_NODISCARD ern_status ern_cl_pack(struct ern_stream *stream, const struct ern_cl_place *place, ern_span a,

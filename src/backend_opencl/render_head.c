@@ -18,6 +18,7 @@
 enum {
   WIDEST = 64, /* outputs of a layer at most */
   UNIT = 8,    /* outputs are a multiple of it */
+  WARP = 32,   /* items that compute a layer by tensor cores together */
   OPTIONS_BYTES = 1024
 };
 
@@ -93,27 +94,32 @@ static bool fits(const struct ern_field *field) {
 
 struct matrix {
   size_t outputs, inputs;
+  bool wide; /* a WIDE_LAYER of the kernel */
 };
 
 static void shapes_of(const struct ern_cl_head *p, struct matrix shape[PARTS]) {
   const size_t eye = p->eye;
   const struct matrix all[PARTS] = {
-      [ATTENTION1] = {p->attention, p->features},
-      [EYE1] = {p->eye_hidden, p->features},
-      [EYE2] = {eye, p->eye_hidden},
-      [VALUE] = {p->values, p->attention},
-      [DENSITY1] = {p->density, p->features + p->attention + eye},
-      [DENSITY2] = {p->density, p->density},
-      [LOG_SIGMA] = {1, p->density},
-      [COLOUR1] = {p->colour, p->density + p->harmonics},
-      [COLOUR2] = {3, p->colour},
-      [START] = {p->colour, 1},
+      [ATTENTION1] = {p->attention, p->features, true},
+      [EYE1] = {p->eye_hidden, p->features, true},
+      [EYE2] = {eye, p->eye_hidden, false},
+      [VALUE] = {p->values, p->attention, false},
+      [DENSITY1] = {p->density, p->features + p->attention + eye, true},
+      [DENSITY2] = {p->density, p->density, true},
+      [LOG_SIGMA] = {1, p->density, false},
+      [COLOUR1] = {p->colour, p->density + p->harmonics, true},
+      [COLOUR2] = {3, p->colour, false},
+      [START] = {p->colour, 1, false},
   };
   memcpy(shape, all, sizeof all);
 }
 
+/* Columns of a matrix as it is packed. */
+static size_t packed_width(const struct ern_cl_head *p, const struct matrix *of) {
+  return of->wide && p->form.tensor ? (of->inputs + 7) / 8 * 8 : of->inputs;
+}
+
 static void measure(struct ern_cl_head *p, const struct ern_field *field) {
-  struct matrix shape[PARTS];
   p->eye = field->config.eye;
   p->features = (size_t)field->feature_rows;
   p->attention = (size_t)field->attention.width[1];
@@ -122,10 +128,15 @@ static void measure(struct ern_cl_head *p, const struct ern_field *field) {
   p->density = (size_t)field->density.width[1];
   p->harmonics = (size_t)ern_field_view_rows(field);
   p->colour = (size_t)field->colour.width[1];
+}
+
+static void place_parts(struct ern_cl_head *p) {
+  struct matrix shape[PARTS];
   shapes_of(p, shape);
   for (int i = 0; i < PARTS; i++) {
+    const size_t values = shape[i].outputs * packed_width(p, &shape[i]) * (shape[i].wide && p->form.tensor ? 2 : 1);
     p->at[i] = p->net_count;
-    p->net_count += (shape[i].outputs * shape[i].inputs + ERN_CL_ALIGN - 1) / ERN_CL_ALIGN * ERN_CL_ALIGN;
+    p->net_count += (values + ERN_CL_ALIGN - 1) / ERN_CL_ALIGN * ERN_CL_ALIGN;
   }
 }
 
@@ -146,6 +157,22 @@ static struct column column_of(const struct ern_cl_head *p) {
   return column;
 }
 
+/* The form for a device. Tensor cores take whole fragments of a layer; in local memory a row has eight more values, and
+ * the kernel a flag. */
+static void choose_form(const struct ern_cl_backend *backend, struct ern_cl_head *p) {
+  const struct ern_cl_device *device = &backend->device;
+  p->form.outputs = ern_cl_outputs(device, WIDEST);
+  const size_t rows = column_of(p).rows;
+  p->form = ern_cl_form_for(backend, ERN_CL_SIZE_rays_tile, p->form.outputs, rows);
+  const size_t group = (size_t)p->form.group / WARP * WARP;
+  const bool whole = (p->attention | p->eye_hidden | p->density | p->colour) % 16 == 0;
+  if (!device->tensor || !whole || group == 0 ||
+      (group + 8) * rows * sizeof(float) + sizeof(cl_int) > device->local_bytes)
+    return;
+  p->form.group = (int)group;
+  p->form.tensor = true;
+}
+
 static ern_status write_options(ern_context *context, struct ern_cl_head *p, const struct ern_field *field) {
   const struct column column = column_of(p);
   const int length = snprintf(
@@ -154,12 +181,13 @@ static ern_status write_options(ern_context *context, struct ern_cl_head *p, con
       "-D EYE_HIDDEN=%zu -D DENSITY=%zu -D COLOUR=%zu -D SH=%zu -D AT_ATTENTION1=%zu -D AT_EYE1=%zu -D AT_EYE2=%zu "
       "-D AT_VALUE=%zu -D AT_DENSITY1=%zu -D AT_DENSITY2=%zu -D AT_SIGMA=%zu -D AT_COLOUR1=%zu -D AT_COLOUR2=%zu "
       "-D AT_START=%zu -D ROW_FIRST=%zu -D ROW_SECOND=%zu -D TILE_ROWS=%zu -D A0=%d -D B0=%d "
-      "-D A1=%d -D B1=%d -D A2=%d -D B2=%d",
+      "-D A1=%d -D B1=%d -D A2=%d -D B2=%d -D TENSOR=%d",
       p->form.group, p->form.vectors, p->form.outputs, field->config.levels, p->features, p->attention, p->values,
       p->eye, p->eye_hidden, p->density, p->colour, p->harmonics, p->at[ATTENTION1], p->at[EYE1], p->at[EYE2],
       p->at[VALUE], p->at[DENSITY1], p->at[DENSITY2], p->at[LOG_SIGMA], p->at[COLOUR1], p->at[COLOUR2], p->at[START],
       column.first, column.second, column.rows, field->encoder.axis[0][0], field->encoder.axis[0][1],
-      field->encoder.axis[1][0], field->encoder.axis[1][1], field->encoder.axis[2][0], field->encoder.axis[2][1]);
+      field->encoder.axis[1][0], field->encoder.axis[1][1], field->encoder.axis[2][0], field->encoder.axis[2][1],
+      p->form.tensor);
   if (length < 0 || (size_t)length >= sizeof p->options)
     return ern_fail(context, ERN_E_ARGUMENT, "OpenCL: the options of render are too long");
   return ERN_OK;
@@ -205,8 +233,8 @@ fail:
 static struct ern_cl_place place_of(const struct ern_cl_head *p, matrix_name name, size_t column) {
   struct matrix shape[PARTS];
   shapes_of(p, shape);
-  return (struct ern_cl_place){ern_cl_from(ern_cl_whole(p->net), p->at[name]), shape[name].inputs, column,
-                               p->form.outputs};
+  return (struct ern_cl_place){ern_cl_from(ern_cl_whole(p->net), p->at[name]), packed_width(p, &shape[name]), column,
+                               shape[name].wide && p->form.tensor ? 0 : p->form.outputs};
 }
 
 static ern_span weights(const struct ern_mlp *mlp, int l, ern_span parameters) {
@@ -271,9 +299,9 @@ ern_status ern_cl_head_make(struct ern_stream *stream, const struct ern_render_p
   ERN_TRY(ERN_NEW(table->context, 1, head));
   struct ern_cl_head *p = *head;
   ERN_TRY(ERN_NEW(table->context, ERN_OCCUPANCY_BYTES, &p->bits));
-  p->form.outputs = ern_cl_outputs(&own->owner->device, WIDEST);
   measure(p, a->field);
-  p->form = ern_cl_form_for(own->owner, ERN_CL_SIZE_rays_tile, p->form.outputs, column_of(p).rows);
+  choose_form(own->owner, p);
+  place_parts(p);
   ERN_TRY(write_options(table->context, p, a->field));
   ERN_TRY(table->buffer_make(table, ERN_ELEMENT_REAL, p->net_count, &p->net));
   ERN_TRY(table->buffer_make(table, ERN_ELEMENT_INT32, 2, &p->counter));

@@ -423,4 +423,4 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(test_threads_and_outputs),
     cmocka_unit_test(test_every_input_counts_long),
 };
-NOUN(render, bench, .in_double = true, .bf16 = true, .more = add_emulated)
+NOUN(render, bench, .in_double = true, .bf16 = true, .tensor = true, .more = add_emulated)

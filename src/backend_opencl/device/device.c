@@ -6,7 +6,13 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { MAX_PLATFORMS = 16, MAX_DEVICES = ERN_CL_MAX_DEVICES, EXTENSION_BYTES = 1 << 14, CPU_WIDTH = 16 };
+enum {
+  MAX_PLATFORMS = 16,
+  MAX_DEVICES = ERN_CL_MAX_DEVICES,
+  EXTENSION_BYTES = 1 << 14,
+  CPU_WIDTH = 16,
+  COMPUTE_CAPABILITY_MAJOR = 0x4000 /* of cl_nv_device_attribute_query */
+};
 
 /* The ICD loader returns an error where no driver is installed. */
 int ern_cl_devices_find(struct ern_cl_found found[MAX_DEVICES], int *platforms_found) {
@@ -70,7 +76,9 @@ void ern_cl_device_query(struct ern_cl_device *device) {
   /* overrides the form, to compare both on one device */
   const char *form = getenv("ERNERF_OPENCL_FORM");
   if (form != NULL && strcmp(form, "cpu") == 0) device->cpu = true;
-  if (form != NULL && strcmp(form, "gpu") == 0) device->cpu = false;
+  if (form != NULL && (strcmp(form, "gpu") == 0 || strcmp(form, "tensor") == 0)) device->cpu = false;
+  const bool ampere = device->nvidia && number_of(id, COMPUTE_CAPABILITY_MAJOR, sizeof(cl_uint)) >= 8;
+  device->tensor = !device->cpu && (form != NULL ? strcmp(form, "tensor") == 0 : ampere);
   for (int width = 4; device->cpu && width <= native && width <= CPU_WIDTH; width *= 2) device->width = width;
   device->group_most = (size_t)number_of(id, CL_DEVICE_MAX_WORK_GROUP_SIZE, sizeof(size_t));
   device->local_bytes = (size_t)number_of(id, CL_DEVICE_LOCAL_MEM_SIZE, sizeof(cl_ulong));

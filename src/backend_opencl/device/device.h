@@ -17,16 +17,18 @@ struct ern_cl_device {
   char name[128], version[128], driver[128], platform_version[128];
   bool host; /* a CPU, whatever the form */
   bool cpu;  /* form of the kernels: a work-item processes a vector of samples, as suits a CPU; false: one sample, as
-                suits a GPU. Follows the type of the device unless ERNERF_OPENCL_FORM=cpu|gpu is set */
+                suits a GPU. Follows the type of the device unless ERNERF_OPENCL_FORM=cpu|gpu|tensor is set */
   bool keeps_kernels; /* the driver has its own cache, and ours would only slow it: PoCL compiles each kernel once for
                          its launch and, to return a binary, once more for any size of work-group */
   bool exact_divide;  /* division and square root can be correctly rounded */
   bool half;          /* cl_khr_fp16 */
   bool nvidia;        /* the compiler takes PTX */
-  bool subgroups;     /* cl_khr_subgroups or cl_intel_subgroups */
-  int width;          /* samples a work-item processes: the native vector of a CPU, 1 elsewhere */
-  size_t group_most;  /* work-items a group at most */
-  size_t local_bytes; /* local memory a group */
+  bool tensor;    /* the fused pass computes wide layers by tensor cores: NVIDIA's of TF32. ERNERF_OPENCL_FORM=gpu: not;
+                     =tensor: also where there are none, in plain arithmetic */
+  bool subgroups; /* cl_khr_subgroups or cl_intel_subgroups */
+  int width;      /* samples a work-item processes: the native vector of a CPU, 1 elsewhere */
+  size_t group_most;     /* work-items a group at most */
+  size_t local_bytes;    /* local memory a group */
   uint64_t memory_bytes; /* global memory */
   uint64_t buffer_bytes; /* one buffer at most */
   cl_uint units;

@@ -61,6 +61,15 @@ static inline uintw lane_numbers(void) {
   return LOADW(values);
 }
 
+/* Where row r and column c of a matrix of `rows` rows are that is laid out for tensor cores (tile.cl): fragments of 16 x 8
+ * one after the other, of all rows for eight columns first; in a fragment the four values of each of 32 work-items. */
+static inline uint fragment_at(uint r, uint c, uint rows) {
+  return (((c / 8 * (rows / 16) + r / 16) * 32 + r % 8 * 4 + c % 4) * 4) + r % 16 / 8 + c % 8 / 4 * 2;
+}
+/* The 11 leading bits of x, which TF32 has, and as many after them. */
+static inline float tf32_leading(float x) { return as_float(as_uint(x) & 0xFFFFE000u); }
+static inline float tf32_rest(float x) { return x == tf32_leading(x) ? 0 : tf32_leading(x - tf32_leading(x)); }
+
 /* Philox 4x32-10 as in core/rng.h: the first three words for one index, or for each of WIDTH indices. (The rounds are
  * unrolled so that a CPU's compiler vectorises over work-items.) */
 #define RANDOM_AT(name, uints)                                                                           \

@@ -12,7 +12,7 @@
  *
  * Built for one model's shape: LEVELS; FEATURES = 3 LEVELS, ATTENTION, VALUES, EYE (0 or 1), EYE_HIDDEN, DENSITY,
  * COLOUR: widths; AT_x: where in `net` matrix x begins; ROW_x: where in a tile x begins, TILE_ROWS its rows; A0 B0 A1
- * B1 A2 B2: the axes of the planes. And for one device: GROUP, VECTORS, OUTPUTS. */
+ * B1 A2 B2: the axes of the planes. And for one device: GROUP, VECTORS, OUTPUTS, TENSOR. */
 #define CHUNK (WIDTH == 1 ? 1 : 64) /* rays that are taken from the counter at once, on a CPU */
 #define SIDE 8    /* pixels per edge of the blocks for which nearest[] has values */
 #define CELLS 128 /* cells of the occupancy grid per axis */
@@ -318,15 +318,15 @@ INLINE void encode_plane(local floatw *tile, const floatw a[VECTORS], const floa
   }
 }
 
-LAYER(attention_layer, ATTENTION, FEATURES)
-LAYER(density_layer, DENSITY, FEATURES + ATTENTION + EYE)
-LAYER(second_density_layer, DENSITY, DENSITY)
-LAYER(colour_layer, COLOUR, DENSITY + SH)
+WIDE_LAYER(attention_layer, ATTENTION, FEATURES)
+WIDE_LAYER(density_layer, DENSITY, FEATURES + ATTENTION + EYE)
+WIDE_LAYER(second_density_layer, DENSITY, DENSITY)
+WIDE_LAYER(colour_layer, COLOUR, DENSITY + SH)
 PRODUCT(product_value, BLOCK(VALUES))
 PRODUCT(product_one, 1)
 PRODUCT(product_three, 3)
 #if EYE
-LAYER(eye_layer, EYE_HIDDEN, FEATURES)
+WIDE_LAYER(eye_layer, EYE_HIDDEN, FEATURES)
 #endif
 
 /* |W_v h|. The squares may overflow or underflow float where the norm does not: two further sums are of values scaled
@@ -452,6 +452,19 @@ INLINE void advance(struct flight *flight, const struct values *values, const st
   }
 }
 
+/* Whether a ray is in flight: in an item, or, for tensor cores, in any item of the group. */
+INLINE bool is_any_flying(int flying, local int *of_group) {
+#if TENSOR
+  if (get_local_id(0) == 0) *of_group = 0;
+  barrier(CLK_LOCAL_MEM_FENCE);
+  if (flying > 0) *of_group = 1;
+  barrier(CLK_LOCAL_MEM_FENCE);
+  flying = *of_group;
+  barrier(CLK_LOCAL_MEM_FENCE);
+#endif
+  return flying > 0;
+}
+
 /* ---- the frame ---- */
 
 #define OUTPUTS_OF_RAYS                                                                                        \
@@ -501,6 +514,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void
 render_rays(OUTPUTS_OF_RAYS, RAYS, SPAN(const float, net), SPAN(const float, dense), SPAN(const uchar, levels),
             const struct frame frame) {
   local floatw tiles[TILE_ROWS * TILE];
+  local int of_group;
   local floatw *tile = tiles + get_local_id(0);
   OPEN_OUTPUTS;
   OPEN_RAYS;
@@ -529,7 +543,7 @@ render_rays(OUTPUTS_OF_RAYS, RAYS, SPAN(const float, net), SPAN(const float, den
       else
         leave_empty(&flight, lane);
     }
-    if (flying == 0) break;
+    if (!is_any_flying(flying, &of_group)) break;
     evaluate(&values, tile, &flight, &frame, (global const struct level *)levels, dense, net, attention != 0);
     advance(&flight, &values, &frame, attention != 0, bits);
   }

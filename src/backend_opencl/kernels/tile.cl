@@ -6,12 +6,20 @@
  * all lanes of a group process at one time. Its activations are in local memory, [rows][VECTORS][GROUP] vectors. An
  * item reads and writes only its own columns, so no barriers are needed. OUTPUTS outputs of a layer are summed at once.
  *
- * A matrix is packed in blocks of BLOCK(outputs) rows, in a block column by column: [outputs/BLOCK][inputs][BLOCK]. */
+ * A matrix is packed in blocks of BLOCK(outputs) rows, in a block column by column: [outputs/BLOCK][inputs][BLOCK].
+ *
+ * TENSOR: wide layers of a tile are computed by tensor cores, 32 items together. An item then reads and writes other
+ * columns than its own, so all items of a group have to take part, and a row has room for eight more: eight columns of
+ * four rows are in 32 memory banks. */
 
 /* Inlined before loops are unrolled, so that their bounds are constants. */
 #define INLINE static inline __attribute__((always_inline))
 #define LANES (WIDTH * VECTORS)
+#if TENSOR
+#define TILE (GROUP + 8)
+#else
 #define TILE (GROUP * VECTORS) /* vectors of a group */
+#endif
 #define BLOCK(n) ((n) < OUTPUTS ? (n) : OUTPUTS)
 #define AT(row, v) ((row) * TILE + (v) * GROUP)
 
@@ -129,3 +137,81 @@ INLINE floatw sigmoid(floatw x) { return 1 / (1 + exp(-x)); }
         EACH_VECTOR y[AT(row + r, v)] = full(select(sum[r][v], (floatw)(0), sum[r][v] < 0));   \
     }                                                                                          \
   }
+
+/* ---- layers by tensor cores ---- */
+
+#if TENSOR
+#define EACH(i, count) _Pragma("unroll") for (int i = 0; i < (count); i++)
+#define PADDED(count) (((count) + 7) / 8 * 8)
+/* Sums are fragments of 16 rows x 8 columns: fragment 4 m + n has rows from 16 m and columns from 8 n on. Row and column
+ * of value i that an item has of one: */
+#define SUM_ROW(lane, i) ((lane) / 4 + (i) / 2 * 8)
+#define SUM_COLUMN(lane, i) ((lane) % 4 * 2 + (i) % 2)
+
+/* sum += A x, for 32 columns of a tile from x on: of the products of leading parts and rests, all but that of two
+ * rests. a: as fragment_at says, the leading parts of all, then their rests. */
+#if NVIDIA
+/* sum += A B; A: 16 x 8, B: 8 x 8 (PTX ISA, mma.m16n8k8 of .tf32) */
+INLINE void multiply_add(float sum[4], float4 a, const float b[2]) {
+  asm("mma.sync.aligned.m16n8k8.row.col.f32.tf32.tf32.f32 {%0,%1,%2,%3}, {%4,%5,%6,%7}, {%8,%9}, "
+               "{%0,%1,%2,%3};"
+               : "+f"(sum[0]), "+f"(sum[1]), "+f"(sum[2]), "+f"(sum[3])
+               : "r"(as_uint(a.s0)), "r"(as_uint(a.s1)), "r"(as_uint(a.s2)), "r"(as_uint(a.s3)), "r"(as_uint(b[0])),
+                 "r"(as_uint(b[1])));
+}
+/* All of A that eight columns need is loaded before it is used, or each fragment would wait for its own. */
+#define TENSOR_PRODUCT(name, outputs, count)                                                               \
+  INLINE void name(float (*sum)[4], global const float *a, local const float *x, int lane) {               \
+    global const float4 *first = (global const float4 *)a + lane;                                          \
+    for (int k = 0; k < (count); k += 8, first += (outputs) * 2) {                                         \
+      float4 high[(outputs) / 16], low[(outputs) / 16];                                                    \
+      float b[4][2], rest[4][2];                                                                           \
+      EACH(m, (outputs) / 16) high[m] = first[32 * m], low[m] = first[(outputs) * PADDED(count) / 4 + 32 * m]; \
+      EACH(n, 4) EACH(j, 2) {                                                                              \
+        const int row = k + 4 * j + lane % 4;                                                              \
+        const float value = row < (count) ? x[row * TILE + 8 * n + lane / 4] : 0;                          \
+        b[n][j] = tf32_leading(value), rest[n][j] = tf32_rest(value);                                      \
+      }                                                                                                    \
+      EACH(m, (outputs) / 16) {                                                                            \
+        EACH(n, 4) multiply_add(sum[4 * m + n], high[m], rest[n]);                                         \
+        EACH(n, 4) multiply_add(sum[4 * m + n], low[m], b[n]);                                             \
+        EACH(n, 4) multiply_add(sum[4 * m + n], high[m], b[n]);                                            \
+      }                                                                                                    \
+    }                                                                                                      \
+  }
+#else
+#define TENSOR_PRODUCT(name, outputs, count)                                                          \
+  INLINE void name(float (*sum)[4], global const float *a, local const float *x, int lane) {          \
+    for (int f = 0; f < (outputs) / 4; f++) {                                                         \
+      for (int i = 0; i < 4; i++) {                                                                   \
+        const uint row = f / 4 * 16 + SUM_ROW(lane, i), column = f % 4 * 8 + SUM_COLUMN(lane, i);     \
+        for (int k = 0; k < (count); k++) {                                                           \
+          const uint at = fragment_at(row, k, outputs);                                               \
+          const float high = a[at], low = a[(outputs) * PADDED(count) + at], value = x[k * TILE + column]; \
+          sum[f][i] += high * tf32_rest(value) + low * tf32_leading(value) + high * tf32_leading(value);          \
+        }                                                                                             \
+      }                                                                                               \
+    }                                                                                                 \
+  }
+#endif
+
+/* A LAYER. Columns of x and y: the item's own. */
+#define WIDE_LAYER(name, outputs, count)                                                                    \
+  TENSOR_PRODUCT(product_##name, outputs, count)                                                            \
+  INLINE void name(local float *y, global const float *start, local const float *begin,                    \
+                   global const float *a, local const float *x) {                                          \
+    const int lane = get_local_id(0) % 32;                                                                  \
+    float sum[(outputs) / 4][4];                                                                            \
+    EACH(f, (outputs) / 4) EACH(i, 4) sum[f][i] = start ? start[f / 4 * 16 + SUM_ROW(lane, i)] : 0;         \
+    barrier(CLK_LOCAL_MEM_FENCE);                                                                           \
+    product_##name(sum, a, x - lane, lane);                                                                 \
+    barrier(CLK_LOCAL_MEM_FENCE);                                                                           \
+    EACH(f, (outputs) / 4) EACH(i, 4) {                                                                     \
+      const int row = f / 4 * 16 + SUM_ROW(lane, i), column = f % 4 * 8 + SUM_COLUMN(lane, i);              \
+      y[row * TILE + column - lane] = select(sum[f][i], 0.0f, sum[f][i] < 0);                               \
+    }                                                                                                       \
+    barrier(CLK_LOCAL_MEM_FENCE);                                                                           \
+  }
+#else
+#define WIDE_LAYER LAYER
+#endif
