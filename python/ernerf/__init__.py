@@ -379,7 +379,8 @@ def _dub_input(width, height, landmarks, square):
     if len(square) != 4:
         raise ValueError(f"square has {len(square)} numbers, expected 4: x, y, width, height")
     given.square[:] = [_integer(side, "square", ctypes.c_int) for side in square]
-    ctypes.memmove(given.landmarks, _array(landmarks, "landmarks", np.float32, 68, 2).ctypes.data, 68 * 2 * 4)
+    landmarks = _array(landmarks, "landmarks", np.float32, 68, 2)  # a copy may be, which must last
+    ctypes.memmove(given.landmarks, landmarks.ctypes.data, landmarks.nbytes)
     return given
 
 
@@ -481,16 +482,16 @@ class Renderer(_Object):
         for name in View._fields:
             _set(camera, name, getattr(view, name), "view")
         self._context._engine.ern_camera_pose(camera.pose, _pointer(matrix), self._info.scale)
-        wanted, arrays = _c.FrameOutput(), []
-        for name in [outputs] if one else outputs:
+        wanted, arrays, names = _c.FrameOutput(), {}, [outputs] if one else list(outputs)
+        for name in names:
             if name not in _OUTPUTS:
                 raise ValueError(f"there is no output {name!r}; there are {', '.join(_OUTPUTS)}")
             dtype, *channels = _OUTPUTS[name]
-            arrays.append(np.empty((height, width, *channels), dtype))
-            setattr(wanted, name, _pointer(arrays[-1]))
+            arrays[name] = np.empty((height, width, *channels), dtype)
+            setattr(wanted, name, _pointer(arrays[name]))
         self._context._call(self._context._engine.ern_renderer_frame_sized, self, ctypes.byref(given),
                             ctypes.sizeof(given), ctypes.byref(wanted), ctypes.sizeof(wanted), None, 0)
-        return arrays[0] if one else arrays
+        return arrays[outputs] if one else [arrays[name] for name in names]
 
 
 class Clip(_Object):

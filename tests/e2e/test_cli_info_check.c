@@ -220,6 +220,13 @@ static void test_check(void **state) {
   for (size_t i = 0; i < sizeof names / sizeof names[0]; i++) assert_string_equal(mark_of(report, names[i]), "missing");
   json_decref(report);
 
+  remove("partial/transforms_val.json");
+  assert_int_equal(symlink("transforms_train.json", "partial/transforms_val.json"), 0);
+  cli_run(&cli, "check partial");
+  cli_expect(&cli, 0, "warning: partial/transforms_val.json: 10 of its 10 frames are in transforms_train.json too",
+             NULL);
+  cli_expect_out(&cli, 0, "missing  transforms_val.json: 10 of its 10 frames are in", "will learn a head", NULL);
+
   cli_copy("clip", "wrong");
   remove("wrong/aud_ds.npy");
   remove("wrong/aud.wav");

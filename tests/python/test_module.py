@@ -67,6 +67,9 @@ class Module(unittest.TestCase):
             # bytes are the nearest, in float32: 255 times 2^-24 beside the half
             np.testing.assert_allclose(rgb * np.float64(255), again[..., :3], rtol=0, atol=0.5 + 2e-5)
             np.testing.assert_array_equal(rgb, renderer.frame(*view, background=background))
+        first, second = renderer.frame(*view, ["rgb", "rgb"], background=background)
+        self.assertIs(first, second)
+        np.testing.assert_array_equal(first, rgb)
         self.assertGreater(expected.std(), 0)
 
     def test_steps(self):
@@ -137,6 +140,9 @@ class Module(unittest.TestCase):
         landmarks = clip.frame(0, 0).landmarks / np.float32([width, height])
         x, y, wide, tall = self.context.dub_box(width, height, landmarks)
         self.assertTrue(0 <= x < x + wide <= width and 0 <= y < y + tall <= height and wide > 8)
+        move, scattered = ctypes.memmove, np.repeat(landmarks, 2, axis=1)[:, ::2]  # not in C order: it is copied
+        with unittest.mock.patch("ctypes.memmove", lambda *given: (np.full((68, 2), np.nan, np.float32), move(*given))):
+            self.assertEqual(self.context.dub_box(width, height, scattered), (x, y, wide, tall))  # the copy lasts
         head = np.full((tall, wide, 4), (200, 20, 20, 255), np.uint8)
         dubbed, drawn = self.context.dub_frame(recorded, head, landmarks, recorded_head=clip.head(0, 0))
         self.assertTrue(drawn and dubbed.shape == recorded.shape)

@@ -222,7 +222,7 @@ static ern_status open_parts(ern_clip *clip, const ern_clip_options *options) {
   ern_context *context = clip->context;
   ern_pose_list lists[2] = {0};
   float *blink = NULL;
-  size_t blink_count = 0;
+  size_t blink_count = 0, trained = 0;
   int64_t img_id = 0, aud_id = 0;
   char identity[65] = "";
   ERN_TRY(identity_of(clip, identity));
@@ -231,6 +231,13 @@ static ern_status open_parts(ern_clip *clip, const ern_clip_options *options) {
   if (lists[ERN_SPLIT_VAL].count == 0) {
     ern_log(context, ERN_LOG_WARNING, "%s/transforms_val.json: is missing, no frames to validate on", clip->folder);
   }
+  ERN_TRY(ern_clip_trained_frames(context, lists, &trained));
+  if (trained > 0)
+    ern_log(
+        context, ERN_LOG_WARNING,
+        "%s/transforms_val.json: %zu of its %zu frames are in transforms_train.json too: figures of a validation are "
+        "not of unseen frames",
+        clip->folder, trained, lists[ERN_SPLIT_VAL].count);
   const ern_pose_list *train = &lists[ERN_SPLIT_TRAIN];
   clip->info.width = train->width;
   clip->info.height = train->height;

@@ -54,6 +54,8 @@ ERN_NODISCARD ern_status ern_clip_val_poses(ern_context *context, const char *fo
                                             ern_pose_list *val);
 /* The largest img_id and aud_id of both lists. */
 void ern_clip_largest_ids(const ern_pose_list lists[2], int64_t *img_id, int64_t *aud_id);
+/* *trained: number of validation frames that are training frames too. */
+ERN_NODISCARD ern_status ern_clip_trained_frames(ern_context *context, const ern_pose_list lists[2], size_t *trained);
 
 /* *name = the clip's feature file for this model (NULL: the first that exists); the text of ERN_E_MISSING names the
  * files that were looked for. */

@@ -57,6 +57,7 @@ static void say_wrong(struct report *report, ern_status status, const char *help
 static void check_poses(struct report *report) {
   ern_context *context = report->context;
   ern_pose_list *train = &report->lists[ERN_SPLIT_TRAIN], *val = &report->lists[ERN_SPLIT_VAL];
+  size_t trained = 0;
   ern_status status = ern_clip_train_poses(context, report->folder, train);
   if (status != ERN_OK) {
     say_wrong(report, status,
@@ -73,6 +74,12 @@ static void check_poses(struct report *report) {
     add_line(report, OPTIONAL,
              "transforms_val.json: missing. Nothing will be measured on unseen frames; the step save transforms "
              "(the public program's process.py, task 9) makes it.");
+  } else if (ern_clip_trained_frames(context, report->lists, &trained) == ERN_OK && trained > 0) {
+    add_line(
+        report, OPTIONAL,
+        "transforms_val.json: %zu of its %zu frames are in transforms_train.json too. What is measured on them is not "
+        "measured on unseen frames.",
+        trained, val->count);
   } else {
     add_line(report, THERE, "transforms_val.json: %zu frames to validate on.", val->count);
   }

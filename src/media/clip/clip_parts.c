@@ -2,6 +2,7 @@
 #include <inttypes.h>
 #include <math.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
 
@@ -147,6 +148,25 @@ void ern_clip_largest_ids(const ern_pose_list lists[2], int64_t *img_id, int64_t
       if (pose->aud_id > *aud_id) *aud_id = pose->aud_id;
     }
   }
+}
+
+static int compare_numbers(const void *a, const void *b) {
+  const int64_t *first = a, *second = b;
+  return (*first > *second) - (*first < *second);
+}
+
+ern_status ern_clip_trained_frames(ern_context *context, const ern_pose_list lists[2], size_t *trained) {
+  const ern_pose_list *train = &lists[ERN_SPLIT_TRAIN], *val = &lists[ERN_SPLIT_VAL];
+  int64_t *ids = NULL;
+  const ern_status status = ERN_NEW(context, train->count, &ids);
+  *trained = 0;
+  if (status != ERN_OK) return status;
+  for (size_t i = 0; i < train->count; i++) ids[i] = train->poses[i].img_id;
+  qsort(ids, train->count, sizeof *ids, compare_numbers);
+  for (size_t i = 0; i < val->count; i++)
+    *trained += bsearch(&val->poses[i].img_id, ids, train->count, sizeof *ids, compare_numbers) != NULL;
+  ern_release(context, ids);
+  return ERN_OK;
 }
 
 ern_status ern_clip_features_name(ern_context *context, const char *folder, const char *asr_model, const char **name) {
