@@ -92,6 +92,8 @@ typedef struct ern_device_info {
   bool half, subgroups;               /* half precision; groups that share registers */
   bool tuned;                         /* its sizes were measured (ern_backend_config's `tune`) */
   bool deterministic; /* the same bytes on every run; false: with ern_backend_config's `deterministic` alone */
+  bool adds_floats;   /* adds to a float in memory by one instruction; false: by a loop of compare and swap */
+  bool tensor_cores;  /* rendering uses them */
 } ern_device_info;
 
 /* Calls `say` for the CPU and each OpenCL device. A machine without OpenCL is no error. */

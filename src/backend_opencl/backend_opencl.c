@@ -214,7 +214,9 @@ ern_status ern_opencl_devices_list(ern_context *context, void (*say)(void *, con
                                   .half = device.half,
                                   .subgroups = device.subgroups,
                                   .tuned = ern_cl_is_tuned(measured),
-                                  .deterministic = device.cpu};
+                                  .deterministic = device.cpu,
+                                  .adds_floats = device.nvidia,
+                                  .tensor_cores = device.tensor};
     say(user, &info);
   }
   return ERN_OK;
