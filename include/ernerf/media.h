@@ -38,6 +38,8 @@ typedef struct ern_provenance {
                             and "._:-"; NULL (default): none */
   const char *consent;   /* what the person has agreed to (ern_model_info), less than ERN_CONSENT_BYTES; NULL (default)
                             or "": it is not known */
+  const char *description; /* what of it is synthetic, in words, UTF-8, less than ERN_CONSENT_BYTES; NULL (default) or
+                              "": not said */
 } ern_provenance;
 
 /* The defaults. */

@@ -268,6 +268,7 @@ ern_status ern_muxer_tag(struct ern_muxer *muxer, const struct ern_provenance_te
   if (texts->xmp == NULL) return ERN_OK;
   int error = av_dict_set(tags, "DigitalSourceType", texts->source_type, 0);
   if (error >= 0) error = av_dict_set(tags, "AIGC", texts->aigc, 0);
+  if (error >= 0 && texts->description[0] != 0) error = av_dict_set(tags, "description", texts->description, 0);
   /* where ffmpeg copies or transcodes an mp4 without options, of these tags it keeps only the track names */
   const bool mp4 = strcmp(muxer->container->oformat->name, "mp4") == 0;
   for (unsigned i = 0; mp4 && error >= 0 && i < muxer->container->nb_streams; i++)

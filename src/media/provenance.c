@@ -26,11 +26,11 @@ static size_t character_bytes(const char *text) {
   return is_long || beyond ? 0 : count;
 }
 
-static ern_status check_consent(ern_context *context, const char *text) {
+static ern_status check_text(ern_context *context, const char *text, const char *what) {
   for (size_t at = 0, bytes = 1; text[at] != 0; at += bytes) {
     bytes = character_bytes(text + at);
     if (bytes == 0 || at + bytes >= ERN_CONSENT_BYTES)
-      return ern_fail(context, ERN_E_ARGUMENT, "provenance: the consent is %s, expected UTF-8 of at most %d bytes",
+      return ern_fail(context, ERN_E_ARGUMENT, "provenance: the %s is %s, expected UTF-8 of at most %d bytes", what,
                       bytes == 0 ? "no UTF-8" : "longer", ERN_CONSENT_BYTES - 1);
   }
   return ERN_OK;
@@ -60,8 +60,23 @@ static void escape(const char *text, char *out) {
   *out = 0;
 }
 
-/* consent: escaped. */
-static ern_status write_texts(ern_context *context, const char *id, const char *consent,
+/* A member of the packet with one text, in the language that is not told; "" for an empty text. The caller owns it. */
+static ern_status make_member(ern_context *context, const char *name, const char *text, char **member) {
+  static const char form[] = "   <%s><rdf:Alt><rdf:li xml:lang=\"x-default\">%s</rdf:li></rdf:Alt></%s>\n";
+  char *escaped = NULL;
+  const size_t bytes = sizeof form + 2 * strlen(name) + ESCAPE_MOST * strlen(text);
+  ern_status status = ERN_OK;
+  ERN_TRY(ERN_NEW(context, ESCAPE_MOST * strlen(text) + 1, &escaped));
+  ERN_TRY(ERN_NEW(context, bytes, member));
+  escape(text, escaped);
+  if (text[0] != 0) snprintf(*member, bytes, form, name, escaped, name);
+fail:
+  ern_release(context, escaped);
+  return status;
+}
+
+/* members: of the packet. */
+static ern_status write_texts(ern_context *context, const char *id, const char *const members[2],
                               struct ern_provenance_texts *texts) {
   static const char label[] =
       "{\"Label\":\"1\",\"ContentProducer\":\"libernerf\",\"ProduceID\":\"%s\",\"ReservedCode1\":\"\","
@@ -71,6 +86,7 @@ static ern_status write_texts(ern_context *context, const char *id, const char *
       "<x:xmpmeta xmlns:x=\"adobe:ns:meta/\">\n"
       " <rdf:RDF xmlns:rdf=\"http://www.w3.org/1999/02/22-rdf-syntax-ns#\">\n"
       "  <rdf:Description rdf:about=\"\"\n"
+      "    xmlns:dc=\"http://purl.org/dc/elements/1.1/\"\n"
       "    xmlns:xmp=\"http://ns.adobe.com/xap/1.0/\"\n"
       "    xmlns:xmpRights=\"http://ns.adobe.com/xap/1.0/rights/\"\n"
       "    xmlns:Iptc4xmpExt=\"http://iptc.org/std/Iptc4xmpExt/2008-02-29/\"\n"
@@ -78,21 +94,19 @@ static ern_status write_texts(ern_context *context, const char *id, const char *
       "   <xmp:CreatorTool>libernerf</xmp:CreatorTool>\n"
       "   <Iptc4xmpExt:DigitalSourceType>%s</Iptc4xmpExt:DigitalSourceType>\n"
       "   <TC260:AIGC>%s</TC260:AIGC>\n"
-      "%s%s%s"
+      "%s%s"
       "  </rdf:Description>\n"
       " </rdf:RDF>\n"
       "</x:xmpmeta>\n"
       "<?xpacket end=\"r\"?>";
   const size_t aigc_bytes = sizeof label + strlen(id);
-  const size_t bytes = sizeof packet + strlen(texts->source_type) + aigc_bytes + strlen(consent) + 256;
+  const size_t bytes =
+      sizeof packet + strlen(texts->source_type) + aigc_bytes + strlen(members[0]) + strlen(members[1]);
   ern_status status = ERN_OK;
   ERN_TRY(ERN_NEW(context, aigc_bytes, &texts->aigc));
   ERN_TRY(ERN_NEW(context, bytes, &texts->xmp));
   snprintf(texts->aigc, aigc_bytes, label, id);
-  const bool said = consent[0] != 0;
-  snprintf(texts->xmp, bytes, packet, texts->source_type, texts->aigc,
-           said ? "   <xmpRights:UsageTerms><rdf:Alt><rdf:li xml:lang=\"x-default\">" : "", said ? consent : "",
-           said ? "</rdf:li></rdf:Alt></xmpRights:UsageTerms>\n" : "");
+  snprintf(texts->xmp, bytes, packet, texts->source_type, texts->aigc, members[0], members[1]);
 fail:
   return status;
 }
@@ -103,26 +117,32 @@ ern_status ern_provenance_texts_make(ern_context *context, const ern_provenance 
   if (provenance == NULL) return ERN_OK;
   ern_provenance p = ern_provenance_default();
   ern_status status = ERN_OK;
-  char *consent = NULL;
+  char *consent = NULL, *description = NULL;
   ERN_TRY(ERN_COPY_IN_CONFIG(context, ern_provenance, &p, provenance));
   if (p.id == NULL) p.id = "";
   if (p.consent == NULL) p.consent = "";
+  if (p.description == NULL) p.description = "";
   ERN_TRY(check_id(context, p.id));
-  ERN_TRY(check_consent(context, p.consent));
-  ERN_TRY(ERN_NEW(context, ESCAPE_MOST * strlen(p.consent) + 1, &consent));
-  escape(p.consent, consent);
+  ERN_TRY(check_text(context, p.consent, "consent"));
+  ERN_TRY(check_text(context, p.description, "description"));
+  ERN_TRY(make_member(context, "xmpRights:UsageTerms", p.consent, &consent));
+  ERN_TRY(make_member(context, "dc:description", p.description, &description));
   texts->source_type = p.all_trained
                            ? "http://cv.iptc.org/newscodes/digitalsourcetype/trainedAlgorithmicMedia"
                            : "http://cv.iptc.org/newscodes/digitalsourcetype/compositeWithTrainedAlgorithmicMedia";
-  ERN_TRY(write_texts(context, p.id, consent, texts));
+  ERN_TRY(ERN_NEW(context, strlen(p.description) + 1, &texts->description));
+  memcpy(texts->description, p.description, strlen(p.description) + 1);
+  ERN_TRY(write_texts(context, p.id, (const char *const[2]){description, consent}, texts));
 fail:
   ern_release(context, consent);
+  ern_release(context, description);
   if (status != ERN_OK) ern_provenance_texts_free(context, texts);
   return status;
 }
 
 void ern_provenance_texts_free(ern_context *context, struct ern_provenance_texts *texts) {
   ern_release(context, texts->aigc);
+  ern_release(context, texts->description);
   ern_release(context, texts->xmp);
   *texts = (struct ern_provenance_texts){0};
 }

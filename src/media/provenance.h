@@ -10,10 +10,11 @@
 struct ern_provenance_texts {
   const char *source_type; /* IPTC's URI */
   char *aigc;              /* the label of GB 45438-2025, a JSON object */
-  char *xmp;               /* the XMP packet, with both and the consent */
+  char *description;       /* "": none */
+  char *xmp;               /* the XMP packet, with all of it and the consent */
 };
 
-/* provenance NULL: *texts is zeroed. ERN_E_ARGUMENT: an id or a consent that media.h does not allow. */
+/* provenance NULL: *texts is zeroed. ERN_E_ARGUMENT: an id, a consent or a description that media.h does not allow. */
 ERN_NODISCARD ern_status ern_provenance_texts_make(ern_context *context, const ern_provenance *provenance,
                                                    struct ern_provenance_texts *texts);
 void ern_provenance_texts_free(ern_context *context, struct ern_provenance_texts *texts); /* accepts a zeroed one */

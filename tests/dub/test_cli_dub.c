@@ -74,6 +74,7 @@ static void test_dub(void **state) {
   assert_string_equal(json_string_value(json_object_get(about, "digital_source_type")),
                       "compositeWithTrainedAlgorithmicMedia");
   json_decref(about);
+  assert_int_equal(system("grep -aq 'model drew the mouth from 0 s to 0.64 s over a recorded video' out.mp4"), 0);
   ern_context *context = support_context();
   ern_sound sound = {0};
   support_ok(context, ern_sound_read(context, "out.mp4", &sound));

@@ -31,6 +31,7 @@ static ern_provenance some(void) {
   ern_provenance provenance = ern_provenance_default();
   provenance.id = "0123abc-DEF";
   provenance.consent = consent;
+  provenance.description = "a mouth & no more";
   return provenance;
 }
 
@@ -168,6 +169,7 @@ static void test_exr(void **state) {
   const size_t at = find(bytes, count, "xmp");
   assert_memory_equal(bytes + at, "xmp\0string", 11);
   (void)find(bytes, count, "UsageTerms");
+  (void)find(bytes, count, "<dc:description><rdf:Alt><rdf:li xml:lang=\"x-default\">a mouth &amp; no more</rdf:li>");
   ern_release(context, bytes);
 }
 
@@ -193,6 +195,9 @@ static void expect_tags(const char *path, const char *track) {
   if (type == NULL || aigc == NULL) fail_msg("%s: has no tags", path);
   assert_non_null(strstr(type->value, "/compositeWithTrainedAlgorithmicMedia"));
   assert_non_null(strstr(aigc->value, "\"ProduceID\":\"0123abc-DEF\""));
+  const AVDictionaryEntry *description = av_dict_get(container->metadata, "description", NULL, 0);
+  assert_non_null(description);
+  assert_string_equal(description->value, "a mouth & no more");
   if (track != NULL) {
     const AVDictionaryEntry *name = av_dict_get(container->streams[0]->metadata, "handler_name", NULL, 0);
     assert_non_null(name);

@@ -232,6 +232,8 @@ static int open_all(struct dub_job *job, const struct args *args) {
   if (status == 0) status = portrait_prune_occupancy(portrait, session, &job->frame_source, &job->features);
   if (status == 0) status = open_sound(job);
   const ern_video_info *info = &job->video.info;
+  snprintf(job->provenance.description, sizeof job->provenance.description,
+           "a trained model drew the mouth from 0 s to %.2f s over a recorded video", synthetic_seconds(job));
   if (status == 0) status = provenance_learn(&job->provenance, session, portrait, job->audio, false);
   if (status == 0) status = label_make(&job->label, session, info->width, info->height);
   if (status == 0) status = watermark_make(&job->watermark, session, info->width, info->height);

@@ -95,6 +95,7 @@ int provenance_learn(struct provenance *provenance, struct session *session, con
   provenance->says.all_trained = all_trained;
   provenance->says.id = provenance->id;
   provenance->says.consent = portrait->info.consent;
+  provenance->says.description = provenance->description;
   provenance->about =
       json_pack("{s:s, s:s, s:s, s:o, s:o, s:s, s:s}", "made_by", "ernerf", "version", ern_version(),
                 "digital_source_type", all_trained ? "trainedAlgorithmicMedia" : "compositeWithTrainedAlgorithmicMedia",

@@ -13,10 +13,10 @@ struct provenance {
   ern_provenance says;
   bool numbered; /* the output is pictures with a number in their names, out/%05d.png; else one file */
   const char *output;
-  char path[4096]; /* of the file beside the output; "": none */
-  bool replaces;   /* overwrites an earlier such file, whose output was deleted */
-  char id[128];
-  json_t *about; /* content of that file */
+  char path[4096];                /* of the file beside the output; "": none */
+  bool replaces;                  /* overwrites an earlier such file, whose output was deleted */
+  char id[128], description[128]; /* what of it is synthetic; "": all, or as the source type says */
+  json_t *about;                  /* content of that file */
 };
 
 /* --no-provenance. */
