@@ -236,10 +236,10 @@ void blend(layers &l, float width) {
 
 /* 255 where the head's colours are used: in the mask, and around it, where it decides which colours are certain. Two
  * pixels more are for interpolation and for rounding in the smaller mask. */
-void find_wanted(const ern_dub_input &in, uint8_t *wanted) {
+cv::Mat wanted_of(const ern_dub_input &in) {
   const face f = face_of(in, true);
   const cv::Mat mask = mask_of(f, head_recorded(in, f));
-  cv::Mat(depth_of(mask == 0) <= certain_depth * f.width + 2).copyTo(cv::Mat(f.size, CV_8U, wanted));
+  return depth_of(mask == 0) <= certain_depth * f.width + 2;
 }
 
 bool compose(const ern_dub_input &in, uint8_t *rgba) {
@@ -253,6 +253,7 @@ bool compose(const ern_dub_input &in, uint8_t *rgba) {
   const int wanted = cv::countNonZero(inner);
   cv::Mat opacity, there;
   cv::extractChannel(head, opacity, 3);
+  opacity.setTo(0, wanted_of(in) == 0); /* so that the frame does not depend on what is there */
   const auto covers = [&](const cv::Mat &picture) {
     return (float)cv::countNonZero(inner & (picture >= 128)) >= least_cover * (float)wanted;
   };
@@ -292,7 +293,7 @@ extern "C" ern_status ern_dub_find_box(ern_context *context, const ern_dub_input
 
 extern "C" ern_status ern_dub_find_wanted(ern_context *context, const ern_dub_input *input, uint8_t *wanted) {
   try {
-    find_wanted(*input, wanted);
+    wanted_of(*input).copyTo(cv::Mat(input->head_height, input->head_width, CV_8U, wanted));
     return ERN_OK;
   } catch (...) {
     return failed(context);

@@ -94,6 +94,9 @@ static void test_frames(void **state) {
   cli_run(&cli, LONG_LIVE "-o marked.mp4 --label . --quiet");
   cli_expect(&cli, 0, NULL);
   check_order("marked.mp4");
+  cli_run(&cli, LONG_LIVE "--max-delay 0.04 -o short.mp4"); /* the speech that it skips is not lost in silence */
+  cli_expect(&cli, 0, " frames written, 0 repeated, 0 left out, ", " skipped: short.mp4", NULL);
+  assert_null(strstr(cli.err, " 0 skipped"));
 #undef LONG_LIVE
 }
 

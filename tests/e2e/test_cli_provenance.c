@@ -64,8 +64,9 @@ static void test_consent_refused(void **state) {
   support_write_text("long.txt", text);
   support_write_text("empty.txt", "\n");
   support_write_text("odd.txt", "\xff\xfe");
-  static const char *const files[] = {"long.txt", "empty.txt", "odd.txt"};
-  static const char *const words[] = {"1023", "is empty", "UTF-8"};
+  static const char *const files[] = {"long.txt", "empty.txt", "odd.txt", "agreed.tx", "clip"};
+  static const char *const words[] = {"1023", "is empty", "UTF-8", "agreed.tx: there is no such file",
+                                      "clip: is no regular file"};
   for (size_t i = 0; i < sizeof files / sizeof *files; i++) {
     cli_run(&cli, "train clip -o r.safetensors " SMALL "--consent %s", files[i]);
     cli_expect(&cli, 1, words[i], NULL);

@@ -3,6 +3,8 @@
 #include "../support.h"
 
 #include <math.h>
+#include <sys/stat.h>
+#include <unistd.h>
 
 #include "core/memory.h"
 #include "ernerf/media.h"
@@ -327,6 +329,10 @@ static void test_files(void **state) {
   support_expect(context, ern_speech_open(context, "voice.wav", "", &again), ERN_E_UNSUPPORTED, "voice.wav",
                  "an unknown kind", NULL);
   support_expect(context, ern_speech_open(context, "missing.wav", NULL, &again), ERN_E_MISSING, "missing.wav", NULL);
+  assert_int_equal(mkfifo("pipe.wav", 0600), 0);
+  (void)alarm(10); /* a pipe is not waited for */
+  assert_true(ern_speech_is_sound("pipe.wav"));
+  (void)alarm(0);
   support_write_text("text.wav", "no sound");
   support_expect(context, ern_speech_open(context, "text.wav", NULL, &again), ERN_E_FORMAT, "text.wav", NULL);
   support_write("empty.wav", "RIFF\44\0\0\0WAVEfmt \20\0\0\0\1\0\1\0\200>\0\0\0}\0\0\2\0\20\0data\0\0\0\0", 44);

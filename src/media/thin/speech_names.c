@@ -2,6 +2,7 @@
  * The names of the kinds of speech features, and the type of a file by its first bytes. */
 #include <stdio.h>
 #include <string.h>
+#include <sys/stat.h>
 
 #include "ernerf/speech.h"
 
@@ -34,7 +35,8 @@ bool ern_speech_is_sound(const char *path) {
   char start[6] = "";
   const size_t length = path != NULL ? strlen(path) : 0;
   if (length > 4 && strcmp(path + length - 4, ".npy") == 0) return false;
-  FILE *file = path != NULL ? fopen(path, "rb") : NULL;
+  struct stat about; /* a pipe is not opened: that waits for a writer */
+  FILE *file = path != NULL && stat(path, &about) == 0 && S_ISREG(about.st_mode) ? fopen(path, "rb") : NULL;
   const bool read = file != NULL && fread(start, 1, sizeof start, file) == sizeof start;
   if (file != NULL) fclose(file);
   return !read || memcmp(start, "\x93NUMPY", sizeof start) != 0;

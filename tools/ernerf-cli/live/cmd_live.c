@@ -376,8 +376,8 @@ static int finish(struct live_job *job, int status) {
                  "%llu of %llu frames are left as recorded: the face is too small or too near the edge, or the "
                  "model has no head there",
                  (unsigned long long)job->as_recorded, (unsigned long long)job->drawn);
-  session_note(session, "live: %llu frames written, %llu repeated, %llu left out: %s", written,
-               (unsigned long long)job->repeated, left, job->output.url);
+  session_note(session, "live: %llu frames written, %llu repeated, %llu left out, %llu skipped: %s", written,
+               (unsigned long long)job->repeated, left, (unsigned long long)job->skipped, job->output.url);
   if (!job->unpaced) rate_control_summary(&job->rate_control, 0);
   if (session_report(session, live_statistics(job)) != 0) return EXIT_FAILURE;
   if (mute) return EXIT_FAILURE; /* already reported */

@@ -26,7 +26,13 @@ static int read_file(struct session *session, const char *path, char text[ERN_CO
 
 int consent_read(struct session *session, const char *asked, char text[ERN_CONSENT_BYTES]) {
   struct stat about;
-  if (stat(asked, &about) == 0 && S_ISREG(about.st_mode)) return read_file(session, asked, text);
+  const bool there = stat(asked, &about) == 0;
+  if (there && S_ISREG(about.st_mode)) return read_file(session, asked, text);
+  if (there)
+    return session_fail_with(session, "%s: is no regular file, expected one with the text of a consent", asked);
+  if (strpbrk(asked, " \t\n") == NULL && strpbrk(asked, "./") != NULL) /* a misspelt name is no consent */
+    return session_fail_with(session, "--consent %s: there is no such file, expected one, or a text with blanks",
+                             asked);
   if (snprintf(text, ERN_CONSENT_BYTES, "%s", asked) >= ERN_CONSENT_BYTES)
     return session_fail_with(session, "--consent has %zu bytes, expected at most %d", strlen(asked),
                              ERN_CONSENT_BYTES - 1);
