@@ -193,7 +193,7 @@ static void write_masks(const struct truth *t, const char *folder, bool person) 
 }
 
 /* Masks without the torso: a person that has no shoulders, unless the head alone is asked for. */
-static void test_no_shoulders(void **state) {
+static void test_no_shoulders_long(void **state) {
   struct truth *t = *state;
   struct run run = {.options = ern_prepare_options_default()};
   run.options.masks = "narrow";
@@ -321,7 +321,7 @@ static void draw_banner(ern_image *image, int frame) {
 }
 
 /* Text that runs through the picture is named, and where it does so. */
-static void test_banner(void **state) {
+static void test_banner_long(void **state) {
   struct truth *t = *state;
   struct run run = {.options = ern_prepare_options_default()};
   uint8_t *kept[FRAMES];
@@ -425,9 +425,10 @@ static void test_nothing_long(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_truth),          cmocka_unit_test(test_no_shoulders), cmocka_unit_test(test_supplied),
-      cmocka_unit_test(test_background),     cmocka_unit_test(test_banner),       cmocka_unit_test(test_cancel),
-      cmocka_unit_test(test_cluttered_long), cmocka_unit_test(test_key),          cmocka_unit_test(test_nothing_long)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_truth),          cmocka_unit_test(test_no_shoulders_long),
+                                     cmocka_unit_test(test_supplied),       cmocka_unit_test(test_background),
+                                     cmocka_unit_test(test_banner_long),    cmocka_unit_test(test_cancel),
+                                     cmocka_unit_test(test_cluttered_long), cmocka_unit_test(test_key),
+                                     cmocka_unit_test(test_nothing_long)};
   return cmocka_run_group_tests(tests, make_truth, free_truth);
 }
