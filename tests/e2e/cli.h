@@ -231,6 +231,14 @@ static inline void cli_shared_clip(const char *name, const char *to) {
   cli_copy(path, to);
 }
 
+/* The shared video, 30 frames of 160 x 160 pixels, as v.mp4, and its clip as truth: both are links. */
+static inline void cli_shared_video(void) {
+  char path[2048];
+  cli_shared_path(path, "person.mp4");
+  assert_int_equal(symlink(path, "v.mp4"), 0);
+  cli_shared_clip("person", "truth");
+}
+
 /* TO.safetensors and TO.run: "short_head" (20 steps of 2 levels) or "long_head" (6 steps of 4 levels). A program that
  * goes on with a model may write through links, so these are no links. */
 static inline void cli_shared_model(const char *name, const char *to) {

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# examples/cluster under GNU parallel: segments that are joined, and three people of whom one has no clip. Under Slurm:
-# slurm.sh. With ERNERF_TEST_LONG also people by the clock. Usage: cluster.sh ERNERF SOURCE FOLDER
+# examples/cluster under GNU parallel: segments that are joined, and two people of whom one has no clip. Under Slurm:
+# slurm.sh. With ERNERF_TEST_LONG also a third one, and people by the clock. Usage: cluster.sh ERNERF SOURCE FOLDER
 set -euo pipefail
 ernerf=$1 source=$2 folder=$3 scripts=$2/examples/cluster
 command -v parallel > /dev/null && parallel --version 2> /dev/null | grep -q GNU || { echo "skipped: there is no GNU parallel"; exit 77; }
@@ -29,15 +29,15 @@ grep -q "begins with frame 18, there are 16" err.txt || fail "$(cat err.txt)"
 [ "$(jq .videos join.json)" = 3 ] || fail "$(cat join.json)"
 
 ln -s "$clip" people/anna
-ln -s "$clip" people/carl
+[ -z "${ERNERF_TEST_LONG-}" ] || ln -s "$clip" people/carl
 mkdir people/broken # no clip
 parallel -j 2 bash "$scripts/person.sh" {} out --iters 3 --rays 64 --levels 2 --validate-frames 1 --threads 1 ::: people/* 2> err.txt || fail "$(cat err.txt)"
 "$scripts/table.sh" out > table.txt
 cat table.txt
 grep -qE "^anna +[0-9.]+ +0[.][0-9]+ +[0-9.]+$" table.txt || fail "anna is not in the table"
-grep -qE "^carl +[0-9.]+ " table.txt || fail "carl is not in the table"
+[ ! -e people/carl ] || grep -qE "^carl +[0-9.]+ " table.txt || fail "carl is not in the table"
 grep -q "^broken .*failed in train:ernerf train: " table.txt || fail "the table does not name who failed"
-grep -q "3 people, 1 failed" table.txt || fail "the table does not count"
+grep -q "$(ls people | wc -l) people, 1 failed" table.txt || fail "the table does not count"
 
 if [ -n "${ERNERF_TEST_LONG-}" ]; then
   # by the clock: stopped while it learns the head, the same command goes on

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# Makes the clips and models that other end-to-end tests take (cli_shared_clip, cli_shared_model of cli.h). CTest runs it
-# before them: it is their fixture. Usage: shared_clips.sh ERNERF FOLDER
+# Makes the clips, the video and the models that other end-to-end tests take (cli_shared_* of cli.h). CTest runs it before
+# them: it is their fixture. Usage: shared_clips.sh ERNERF FOLDER
 set -euo pipefail
 ernerf=$1 folder=$2
 rm -rf "$folder"
@@ -10,5 +10,7 @@ cd "$folder"
 # 30 frames to train on and 3 for validation; 60 and 6, and a head that is hardly trained
 "$ernerf" synth short --size 64 --frames 33 --seed 3 --quiet
 "$ernerf" synth long --size 64 --frames 66 --seed 3 --quiet
+# a video to prepare, with its truth
+"$ernerf" synth person --size 160 --frames 30 --seed 5 --turn 12 --parsing --video person.mp4 --quiet
 "$ernerf" train short -o short_head.safetensors --iters 20 --rays 256 --levels 2 --validate-frames 1 --quiet
 "$ernerf" train long -o long_head.safetensors --iters 6 --rays 256 --levels 4 --validate-frames 1 --quiet

@@ -79,7 +79,7 @@ static void test_replay(void **state) {
   free(all), free(other);
 }
 
-static void test_numbered(void **state) {
+static void test_numbered_long(void **state) {
   (void)state;
   ern_context *context = support_context();
   ern_image image = {0};
@@ -312,7 +312,7 @@ static void test_minimal_memory_long(void **state) {
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_order),
                                      cmocka_unit_test(test_replay),
-                                     cmocka_unit_test(test_numbered),
+                                     cmocka_unit_test(test_numbered_long),
                                      cmocka_unit_test(test_video),
                                      cmocka_unit_test(test_full),
                                      cmocka_unit_test(test_unwritable),

@@ -19,8 +19,7 @@ static int make(void **state) {
   (void)state;
   static const char *const old[] = {"truth", "clip", "again", "part", "mine", "m.safetensors", "m.run", "v.mp4"};
   for (size_t i = 0; i < sizeof old / sizeof *old; i++) support_clear(old[i]);
-  cli_run(&cli, "synth truth --size 160 --frames %d --seed 5 --turn 12 --video v.mp4 --quiet", FRAMES);
-  cli_expect(&cli, 0, NULL);
+  cli_shared_video();
   cli_run(&cli, "prepare v.mp4 -o clip --size 160 --json clip.json");
   cli_expect(&cli, 0, "clip: 30 frames of 160 x 160", "face: doubtful: the part is 1.2 s long", NULL);
   return 0;

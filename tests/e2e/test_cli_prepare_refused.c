@@ -8,7 +8,7 @@
 #include "core/memory.h"
 #include "ernerf/media.h"
 
-enum { FRAMES = 26, SIDE = 160, WIDE = 6 * SIDE, HIGH = 4 * SIDE };
+enum { FRAMES = 30, SIDE = 160, WIDE = 6 * SIDE, HIGH = 4 * SIDE };
 static struct cli cli;
 static ern_image frames[FRAMES];
 
@@ -63,8 +63,7 @@ static int make(void **state) {
   support_clear("truth");
   support_clear("v.mp4");
   for (int i = 0; i < KINDS; i++) remove(names[i]);
-  cli_run(&cli, "synth truth --size %d --frames %d --seed 5 --turn 12 --parsing --video v.mp4 --quiet", SIDE, FRAMES);
-  cli_expect(&cli, 0, NULL);
+  cli_shared_video();
   ern_context *context = support_context();
   ern_video_reader *reader = NULL;
   ern_sound sound = {0};
@@ -80,7 +79,7 @@ static int make(void **state) {
   ern_context_free(&context);
   size_t count = 0;
   uint8_t *bytes = cli_bytes("v.mp4", &count);
-  support_write("half.mp4", bytes, count / 2);
+  support_write("third.mp4", bytes, count / 3);
   support_write("empty.mp4", bytes, 0);
   support_write("head.mp4", bytes, 64);
   free(bytes);
@@ -109,14 +108,14 @@ static void test_verdicts(void **state) {
   expect_verdict("still.mp4", "still", "expected");
   expect_verdict("cut.mp4", "cut", "--to");
   expect_verdict("nobody.mp4", "no face was found in 1 s", "expected a person");
-  expect_verdict("short.mp4", "0.52 s long", "expected at least 1 s");
+  expect_verdict("short.mp4", "0.60 s long", "expected at least 1 s");
 }
 
 static void test_small_person(void **state) {
   (void)state;
   support_clear("clip");
   cli_run(&cli, "prepare small.mp4 -o clip --size 160 --only face");
-  cli_expect(&cli, 0, "1.0 s long", NULL);
+  cli_expect(&cli, 0, "1.2 s long", NULL);
 }
 
 /* A light that goes down within a fifth of a second is no cut. */
@@ -124,7 +123,7 @@ static void test_light_long(void **state) {
   (void)state;
   support_clear("clip");
   cli_run(&cli, "prepare dim.mp4 -o clip --size 160 --only face");
-  cli_expect(&cli, 0, "1.0 s long", NULL);
+  cli_expect(&cli, 0, "1.2 s long", NULL);
   assert_null(strstr(cli.err, "at once"));
   support_clear("clip");
   cli_run(&cli, "prepare dim.mp4 -o clip --size 160 --only face --to 1.1"); /* as good as its end */
@@ -132,7 +131,7 @@ static void test_light_long(void **state) {
   assert_null(strstr(cli.err, "ends at"));
   support_clear("clip");
   cli_run(&cli, "prepare dim.mp4 -o clip --size 160 --only face --to 99");
-  cli_expect(&cli, 0, "face: doubtful", "the video ends at 1.04 s, before --to 99", NULL);
+  cli_expect(&cli, 0, "face: doubtful", "the video ends at 1.20 s, before --to 99", NULL);
 }
 
 /* What is read may not lie where the clip is written, a link of the clip is not written through, and --json is no file
@@ -262,14 +261,15 @@ static void test_no_detector(void **state) {
 /* What cannot be read as a video leaves no folder behind. */
 static void test_no_videos(void **state) {
   (void)state;
-  static const char *const bad[] = {"half.mp4",      "empty.mp4", "head.mp4", "text.mp4",
+  static const char *const bad[] = {"third.mp4",     "empty.mp4", "head.mp4", "text.mp4",
                                     "truth/aud.wav", "tiny.mp4",  "none.mp4", "truth"};
   support_clear("clip");
   for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
     cli_run(&cli, "prepare %s -o clip --size 160", bad[i]);
     cli_expect(&cli, 1, bad[i], NULL);
-    const bool half = strcmp(bad[i], "half.mp4") == 0, read = half || strcmp(bad[i], "tiny.mp4") == 0; /* are videos */
-    if (half) cli_expect(&cli, 1, "half.mp4: is cut short: its last packet is not whole", NULL);
+    const bool third = strcmp(bad[i], "third.mp4") == 0,
+               read = third || strcmp(bad[i], "tiny.mp4") == 0; /* are videos */
+    if (third) cli_expect(&cli, 1, "third.mp4: is cut short: its last packet is not whole", NULL);
     if (cli_there("clip") != read) fail_msg("ernerf %s: %s", cli.line, read ? "no report" : "clip is left");
     support_clear("clip");
     expect_none_begun();
@@ -303,7 +303,7 @@ static void test_folders_long(void **state) {
   cli_run(&cli, "prepare v.mp4 -o clip --from 2 --to 1");
   cli_expect(&cli, 2, "--from", "--to", NULL);
   cli_run(&cli, "prepare v.mp4 -o clip --from 9");
-  cli_expect(&cli, 1, "v.mp4", "the part --from 9 of a video of 1.04 s is 0.00 s long", NULL);
+  cli_expect(&cli, 1, "v.mp4", "the part --from 9 of a video of 1.20 s is 0.00 s long", NULL);
   support_clear("clip");
   cli_run(&cli, "prepare v.mp4 -o clip --from 0.1 --to 0.4");
   cli_expect(&cli, 1, "v.mp4", "the part --from 0.1 --to 0.4 is 0.32 s long", NULL);

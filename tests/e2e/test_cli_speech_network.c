@@ -128,7 +128,7 @@ static void test_wrong_network(void **state) {
 }
 
 /* A model of the public scripts' features says their kind alone. */
-static void test_public_features(void **state) {
+static void test_public_features_long(void **state) {
   (void)state;
   cli_run(&cli, "features clip/aud.wav %s %s -o public.npy --quiet", network, preset);
   cli_expect(&cli, 0, NULL);
@@ -188,9 +188,12 @@ static void test_no_library(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_features),        cmocka_unit_test(test_usage),
-                                     cmocka_unit_test(test_model),           cmocka_unit_test(test_wrong_network),
-                                     cmocka_unit_test(test_public_features), cmocka_unit_test(test_other_kind_long),
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_features),
+                                     cmocka_unit_test(test_usage),
+                                     cmocka_unit_test(test_model),
+                                     cmocka_unit_test(test_wrong_network),
+                                     cmocka_unit_test(test_public_features_long),
+                                     cmocka_unit_test(test_other_kind_long),
                                      cmocka_unit_test(test_not_linked)},
                           without[] = {cmocka_unit_test(test_no_library), cmocka_unit_test(test_not_linked)};
   return ERN_VISION ? cmocka_run_group_tests(tests, make, NULL) : cmocka_run_group_tests(without, make, NULL);

@@ -15,13 +15,8 @@ static int make_model(void **state) {
   (void)state;
   static const char *const old[] = {"m.safetensors", "m.run", "out", "full", "wide", "picture", "small"};
   for (size_t i = 0; i < sizeof old / sizeof *old; i++) support_clear(old[i]);
-  cli_run(&cli, "synth '%s' --size 64 --frames 24 --seed 5 --quiet", clip);
-  cli_expect(&cli, 0, NULL);
-  cli_run(&cli,
-          "train '%s' -o m.safetensors --iters 60 --rays 256 --levels 4 --lr_net 0.004 --validate-every 0 "
-          "--validate-frames 1 --quiet",
-          clip);
-  cli_expect(&cli, 0, NULL);
+  cli_shared_clip("short", clip);
+  cli_shared_model("short_head", "m");
   return 0;
 }
 
@@ -159,7 +154,7 @@ static void test_files(void **state) {
 static void test_bad_input(void **state) {
   (void)state;
   ern_context *context = support_context();
-  static float values[24 * 16 * 44];
+  static float values[33 * 16 * 44];
   cli_run(&cli, "tradeoff m.safetensors '%s'", clip);
   cli_expect(&cli, 2, "-o DIR is missing", NULL);
   cli_run(&cli, "tradeoff m.safetensors '%s' -o out2 --smooth_lips", clip);
@@ -180,7 +175,7 @@ static void test_bad_input(void **state) {
   cli_expect(&cli, 1, "none.safetensors", NULL);
   cli_copy(clip, "wide");
   remove("wide/aud_ds.npy");
-  support_ok(context, ern_npy_write_f32(context, "wide/aud_ds.npy", values, 3, (const size_t[]){24, 16, 44}));
+  support_ok(context, ern_npy_write_f32(context, "wide/aud_ds.npy", values, 3, (const size_t[]){33, 16, 44}));
   cli_run(&cli, "tradeoff m.safetensors wide -o out2");
   cli_expect(&cli, 1, "aud_ds.npy", "44", "expected 29", NULL);
   assert_false(cli_there("out2"));

@@ -201,7 +201,7 @@ static void test_lost(void **state) { (void)state, lose_with_code("-2"); }      
 static void test_no_resources_long(void **state) { (void)state, lose_with_code("-5"); } /* CL_OUT_OF_RESOURCES */
 
 /* What an earlier training saved stays as it is. */
-static void test_lost_early(void **state) {
+static void test_lost_early_long(void **state) {
   (void)state;
   forget("x");
   cli_run(&cli, "train %s -y -o x.safetensors --iters 1 %s --quiet", clip, STEPS);
@@ -415,7 +415,7 @@ int main(void) {
                                      cmocka_unit_test(test_some_memory_long),
                                      cmocka_unit_test(test_lost),
                                      cmocka_unit_test(test_no_resources_long),
-                                     cmocka_unit_test(test_lost_early),
+                                     cmocka_unit_test(test_lost_early_long),
                                      cmocka_unit_test(test_lost_after_save_long),
                                      cmocka_unit_test(test_from_cpu_long),
                                      cmocka_unit_test(test_cache_long),

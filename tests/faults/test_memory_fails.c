@@ -169,7 +169,7 @@ static void test_train(void **state) { (void)state, refuse_each(0, 2); }
 static void test_resume(void **state) { (void)state, refuse_each(1, 2); }
 static void test_torso(void **state) { (void)state, refuse_each(2, 3); }
 static void test_from(void **state) { (void)state, refuse_each(3, 2); }
-static void test_render(void **state) { (void)state, refuse_each(4, 2); }
+static void test_render(void **state) { (void)state, refuse_each(4, 1); }
 static void test_convert(void **state) { (void)state, refuse_each(5, 8); }
 
 static void test_join(void **state) { (void)state, refuse_each(6, 20); }

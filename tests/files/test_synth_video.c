@@ -326,7 +326,7 @@ static void rod_hides_in_the_middle_third(void **state) {
   ern_image_free(context, &hidden);
 }
 
-static void profile_still_and_cut(void **state) {
+static void profile_still_and_cut_long(void **state) {
   ern_context *context = *state;
   double plain[FRAMES], yaw[FRAMES], most = 0;
   make_faulty(context, "profile", ERN_SYNTH_PROFILE, 60);
@@ -426,7 +426,7 @@ int main(void) {
       cmocka_unit_test(same_as_tiny),
       cmocka_unit_test(held_camera_moves_all_alike),
       cmocka_unit_test(rod_hides_in_the_middle_third),
-      cmocka_unit_test(profile_still_and_cut),
+      cmocka_unit_test(profile_still_and_cut_long),
       cmocka_unit_test(leaves_nothing_behind),
       cmocka_unit_test(refuses),
   };

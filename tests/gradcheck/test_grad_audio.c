@@ -210,7 +210,7 @@ static void test_two_vectors(void **state) {
   check_audio(40, 2);
 }
 
-static void test_odd_lengths(void **state) {
+static void test_odd_lengths_long(void **state) {
   (void)state;
   check_audio(3, 1);
   check_audio(5, 7);
@@ -256,7 +256,7 @@ int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(test_deepspeech),
       cmocka_unit_test(test_two_vectors),
-      cmocka_unit_test(test_odd_lengths),
+      cmocka_unit_test(test_odd_lengths_long),
       cmocka_unit_test(test_held),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);

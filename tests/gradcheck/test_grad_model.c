@@ -303,7 +303,7 @@ static void test_grids_long(void **state) {
 }
 
 /* Half a million weights: three rays make one tile of samples. What comes after the features is checked above. */
-static void test_mlp(void **state) {
+static void test_mlp_long(void **state) {
   (void)state;
   check_kinds((struct kinds){ERN_BACKBONE_MLP, ERN_ATTENTION_CONCAT, ERN_EYE_ATTENTION_CONCAT, false}, "encoder_mlp", 3,
               3);
@@ -396,7 +396,7 @@ int main(void) {
                                      cmocka_unit_test(test_attentions_long),
                                      cmocka_unit_test(test_view),
                                      cmocka_unit_test(test_grids_long),
-                                     cmocka_unit_test(test_mlp),
+                                     cmocka_unit_test(test_mlp_long),
                                      cmocka_unit_test(test_pose),
                                      cmocka_unit_test(test_torso)};
   return cmocka_run_group_tests(tests, NULL, NULL);

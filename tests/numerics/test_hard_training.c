@@ -153,7 +153,7 @@ static void test_training_on_a_pose_that_is_no_pose(void **state) {
   made.data.scale = 4;
 }
 
-static void test_training_on_mirrored_and_stretched_poses(void **state) {
+static void test_training_on_mirrored_and_stretched_poses_long(void **state) {
   (void)state;
   static const float poses[][16] = {{-1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0.8f, 0, 0, 0, 1},
                                     {7, 0, 0, 0, 0, 0.1f, 0, 0, 0, 0, 3, 0.8f, 0, 0, 0, 1},
@@ -212,7 +212,7 @@ static void test_training_on_silent_and_huge_speech(void **state) {
 }
 
 /* Black, white, and pictures that are their background: opacities run to 0 and 1. */
-static void test_training_on_pictures_of_one_colour(void **state) {
+static void test_training_on_pictures_of_one_colour_long(void **state) {
   (void)state;
   static uint8_t kept[sizeof made.truth];
   const ern_train_config config = fast_config(10);
@@ -276,11 +276,11 @@ int main(void) {
       cmocka_unit_test(test_learning_rates_of_1000),
       cmocka_unit_test(test_torso_at_learning_rates_100_times_too_high),
       cmocka_unit_test(test_training_on_a_pose_that_is_no_pose),
-      cmocka_unit_test(test_training_on_mirrored_and_stretched_poses),
+      cmocka_unit_test(test_training_on_mirrored_and_stretched_poses_long),
       cmocka_unit_test(test_refining_mirrored_and_stretched_poses),
       cmocka_unit_test(test_training_on_a_feature_that_is_no_number),
       cmocka_unit_test(test_training_on_silent_and_huge_speech),
-      cmocka_unit_test(test_training_on_pictures_of_one_colour),
+      cmocka_unit_test(test_training_on_pictures_of_one_colour_long),
       cmocka_unit_test(test_training_on_one_ray),
       cmocka_unit_test(test_training_without_a_sample),
       cmocka_unit_test(test_training_with_settings_that_are_no_numbers),

@@ -48,7 +48,7 @@ static int difference(const uint8_t *a, const uint8_t *b) {
   return most;
 }
 
-/* The same clip twice, once as a head alone: what differs from the background there is the head. */
+/* A clip without its layers, and what they are: its parsing/ is blue where the head is, white where nobody is. */
 static int make_truth(void **state) {
   static struct truth t;
   side = getenv("ERNERF_TEST_LONG") != NULL ? 256 : 128;
@@ -58,24 +58,22 @@ static int make_truth(void **state) {
   options.size = side;
   options.frames = FRAMES;
   options.seed = 3;
+  options.parsing = true;
   support_ok(t.context, ern_synth_write(t.context, "clip", &options));
-  options.torso = false;
-  support_ok(t.context, ern_synth_write(t.context, "alone", &options));
   support_ok(t.context, ERN_NEW(t.context, FRAMES * (size_t)pixels, &t.person));
   support_ok(t.context, ERN_NEW(t.context, FRAMES * (size_t)pixels, &t.head));
   t.background = picture(t.context, "clip/bc.jpg", 3);
   for (int f = 0; f < FRAMES; f++) {
-    ern_image alone = picture(t.context, name_of("alone", "gt_imgs/%d.jpg", f), 3);
-    ern_image torso = picture(t.context, name_of("clip", "torso_imgs/%d.png", f), 4);
+    ern_image parts = picture(t.context, name_of("clip", "parsing/%d.png", f), 3);
     for (int k = 0; k < pixels; k++) {
-      const bool head = difference(alone.data + 3 * k, t.background.data + 3 * k) > 20;
-      t.head[f * pixels + k] = head;
-      t.person[f * pixels + k] = head || torso.data[4 * k + 3] >= 128;
+      const uint8_t *rgb = parts.data + 3 * k;
+      t.person[f * pixels + k] = rgb[0] == 0 || rgb[1] == 0;
+      t.head[f * pixels + k] = rgb[0] == 0 && rgb[2] == 255;
     }
-    ern_image_free(t.context, &alone);
-    ern_image_free(t.context, &torso);
+    ern_image_free(t.context, &parts);
     assert_int_equal(rename(name_of("clip", "gt_imgs/%d.jpg", f), name_of("clip", "ori_imgs/%d.jpg", f)), 0);
   }
+  support_clear("clip/parsing");
   *state = &t;
   return 0;
 }
@@ -193,7 +191,7 @@ static void write_masks(const struct truth *t, const char *folder, bool person) 
 }
 
 /* Masks without the torso: a person that has no shoulders, unless the head alone is asked for. */
-static void test_no_shoulders(void **state) {
+static void test_no_shoulders_long(void **state) {
   struct truth *t = *state;
   struct run run = {.options = ern_prepare_options_default()};
   run.options.masks = "narrow";
@@ -321,7 +319,7 @@ static void draw_banner(ern_image *image, int frame) {
 }
 
 /* Text that runs through the picture is named, and where it does so. */
-static void test_banner(void **state) {
+static void test_banner_long(void **state) {
   struct truth *t = *state;
   struct run run = {.options = ern_prepare_options_default()};
   uint8_t *kept[FRAMES];
@@ -425,9 +423,10 @@ static void test_nothing_long(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_truth),          cmocka_unit_test(test_no_shoulders), cmocka_unit_test(test_supplied),
-      cmocka_unit_test(test_background),     cmocka_unit_test(test_banner),       cmocka_unit_test(test_cancel),
-      cmocka_unit_test(test_cluttered_long), cmocka_unit_test(test_key),          cmocka_unit_test(test_nothing_long)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_truth),          cmocka_unit_test(test_no_shoulders_long),
+                                     cmocka_unit_test(test_supplied),       cmocka_unit_test(test_background),
+                                     cmocka_unit_test(test_banner_long),    cmocka_unit_test(test_cancel),
+                                     cmocka_unit_test(test_cluttered_long), cmocka_unit_test(test_key),
+                                     cmocka_unit_test(test_nothing_long)};
   return cmocka_run_group_tests(tests, make_truth, free_truth);
 }

@@ -140,6 +140,13 @@ static void test_head(void **state) {
   config.step_parts = 4;
   config.refresh_every = 2;
   trains_as_one(&config);
+}
+
+static void test_head_of_frames_long(void **state) {
+  (void)state;
+  ern_train_config config = small_config(4, NULL);
+  config.step_parts = 4;
+  config.refresh_every = 2;
   config.frames_per_step = 8;
   config.refine_poses = true;
   trains_as_one(&config);
@@ -294,8 +301,9 @@ static void test_mismatch(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_head),    cmocka_unit_test(test_torso),
-                                     cmocka_unit_test(test_refused), cmocka_unit_test(test_is_the_gradient),
-                                     cmocka_unit_test(test_dies),    cmocka_unit_test(test_mismatch)};
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test(test_head),    cmocka_unit_test(test_head_of_frames_long), cmocka_unit_test(test_torso),
+      cmocka_unit_test(test_refused), cmocka_unit_test(test_is_the_gradient),     cmocka_unit_test(test_dies),
+      cmocka_unit_test(test_mismatch)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -24,7 +24,7 @@ static void train_to(struct made *m, const char *output, uint64_t iters, int thr
   support_ok(m->context, train(m, &config, NULL));
 }
 
-static void test_threads(void **state) {
+static void test_threads_long(void **state) {
   (void)state;
   struct made m;
   made_open(&m);
@@ -534,7 +534,7 @@ static void test_bad_configuration(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_threads),
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_threads_long),
                                      cmocka_unit_test(test_seed),
                                      cmocka_unit_test(test_resume),
                                      cmocka_unit_test(test_torso_resume_long),
