@@ -309,11 +309,35 @@ static void test_interlaced(void **state) {
   }
 }
 
+/* A picture whose alpha is not used is one without it; else its reader says that the alpha is lost. */
+static void test_transparent(void **state) {
+  (void)state;
+  enum { SIDE = 16 };
+  uint8_t rgba[4 * SIDE * SIDE];
+  const ern_image picture = {.width = SIDE, .height = SIDE, .channels = 4, .data = rgba};
+  for (int alpha = 0; alpha < 2; alpha++) {
+    ern_video_reader *reader = NULL;
+    ern_image image = {0};
+    double seconds = 0;
+    bool end = false;
+    memset(rgba, 255, sizeof rgba);
+    rgba[4 * SIDE * SIDE - 1] = alpha ? 100 : 255;
+    support_ok(context, ern_image_write(context, "glass.png", &picture, 90));
+    warned[0] = 0;
+    support_ok(context, ern_video_reader_open(context, "glass.png", &reader));
+    support_ok(context, ern_video_reader_frame(reader, &image, &seconds, &end));
+    assert_int_equal(strstr(warned, "glass.png: has transparent pixels") != NULL, alpha);
+    ern_image_free(context, &image);
+    ern_video_reader_free(&reader);
+  }
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(test_display_matrix),      cmocka_unit_test(test_sound_and_picture_in_step),
       cmocka_unit_test(test_cut_matroska),        cmocka_unit_test(test_interlaced),
-      cmocka_unit_test(test_cut_between_packets), cmocka_unit_test(test_cut_within_a_packet),
+      cmocka_unit_test(test_transparent),         cmocka_unit_test(test_cut_between_packets),
+      cmocka_unit_test(test_cut_within_a_packet),
   };
   return cmocka_run_group_tests_name("video_read", tests, set_up, tear_down);
 }

@@ -41,6 +41,7 @@ struct ern_video_reader {
   bool found;                /* decoder.frame is the frame that a seek found, and the next one to be read */
   int64_t first, until;      /* time stamps: of the first frame, and of the end of the last one so far */
   bool has_first, sought;    /* sought: not read from the beginning on */
+  bool told_transparent;
 };
 
 static void copy_name(char to[32], const char *name) { snprintf(to, 32, "%s", name != NULL ? name : "unknown"); }
@@ -284,11 +285,37 @@ static void note_time(ern_video_reader *reader, const AVFrame *frame) {
   if (end > reader->until) reader->until = end;
 }
 
+/* Warns once where a pixel is transparent: its colour is taken as it is. */
+static ern_status look_for_transparent(ern_video_reader *reader, const AVFrame *frame) {
+  const AVPixFmtDescriptor *about = av_pix_fmt_desc_get((enum AVPixelFormat)frame->format);
+  const int width = frame->width, height = frame->height;
+  const size_t pixels = (size_t)width * (size_t)height; /* sides are checked */
+  uint8_t *rgba = NULL;
+  ern_status status = ERN_OK;
+  if (reader->told_transparent || about == NULL || (about->flags & AV_PIX_FMT_FLAG_ALPHA) == 0) return ERN_OK;
+  struct SwsContext *to_rgba = sws_getContext(width, height, (enum AVPixelFormat)frame->format, width, height,
+                                              AV_PIX_FMT_RGBA, SWS_POINT, NULL, NULL, NULL);
+  if (to_rgba == NULL) return ERN_OK; /* the conversion to RGB will say why */
+  ERN_TRY(ERN_NEW(reader->context, 4 * pixels, &rgba));
+  (void)sws_scale(to_rgba, (const uint8_t *const *)frame->data, frame->linesize, 0, height, (uint8_t *const[]){rgba},
+                  (const int[]){4 * width});
+  for (size_t i = 0; i < pixels && !reader->told_transparent; i++) reader->told_transparent = rgba[4 * i + 3] < 250;
+  if (reader->told_transparent)
+    ern_log(reader->context, ERN_LOG_WARNING,
+            "%s: has transparent pixels, which are taken as opaque; expected a video over its background",
+            reader->decoder.path);
+fail:
+  ern_release(reader->context, rgba);
+  sws_freeContext(to_rgba);
+  return status;
+}
+
 /* *image = the part of the frame (of one with another orientation than 1: the whole frame) as RGB, upright. */
 static ern_status rgb_of(ern_video_reader *reader, const AVFrame *frame, const int part[4], ern_image *image) {
   ern_context *context = reader->context;
   const char *path = reader->decoder.path;
   ern_status status = ERN_OK;
+  ERN_TRY(look_for_transparent(reader, frame));
   ERN_TRY(prepare(reader, frame, part[2], part[3]));
   ern_image *straight = reader->orientation != 1 ? &reader->lying : image;
   ERN_TRY(ern_image_fit(context, path, part[2], part[3], 3, straight));
