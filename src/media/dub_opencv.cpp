@@ -17,6 +17,7 @@ namespace {
 constexpr float least_face = 16;             /* pixels */
 constexpr float mouth_growth = 1.45F;        /* so that no recorded lips or teeth are beside the rendered ones */
 constexpr float inside_jaw = 0.04F;          /* the recorded jaw stays: its edge is that of the recorded neck */
+constexpr float round_nose = 0.05F;          /* what is so near to it stays as recorded */
 constexpr float feather = 0.03F;             /* standard deviation of the mask's edge */
 constexpr float margin = 0.08F;              /* of the box, round the lower face: the mask's edge ends within it */
 constexpr float match_deviation = 0.15F;     /* of the low-pass that colours are matched in */
@@ -26,7 +27,7 @@ constexpr float certain_depth = 0.02F;       /* colours are taken so far from wh
 constexpr float least_cover = 0.5F;          /* of the mask, by the rendered head */
 constexpr int ring_low = 8, ring_high = 153; /* of 255: where the mask is an edge */
 
-enum { JAW_RIGHT = 2, JAW_LEFT = 14, NOSE = 29, LIPS = 48, LIPS_END = 60 };
+enum { JAW_RIGHT = 2, JAW_LEFT = 14, NOSE = 29, NOSE_END = 36, LIPS = 48, LIPS_END = 60 };
 
 /* The box in the frame, and the face in it. */
 struct face {
@@ -136,7 +137,15 @@ cv::Mat in_box(const cv::Mat &picture, const ern_dub_input &in, const face &f, i
   return out(cv::Rect(cv::Point(), f.box.size()));
 }
 
-/* 0..255: the lower face inside the jaw and the recorded mouth, inside the recorded head, with a soft edge. */
+/* 255 on the nose and near it: it does not speak, and is sharper as recorded. */
+cv::Mat nose_of(const face &f) {
+  cv::Mat nose = cv::Mat::zeros(f.size, CV_8U);
+  fill_hull(nose, std::vector<cv::Point2f>(f.landmarks.begin() + NOSE, f.landmarks.begin() + NOSE_END));
+  return depth_of(nose == 0) <= round_nose * f.width;
+}
+
+/* 0..255: the lower face inside the jaw, less the nose, and the recorded mouth, inside the recorded head, with a soft
+ * edge. */
 cv::Mat mask_of(const face &f, const cv::Mat &head) {
   const std::vector<cv::Point2f> &at = f.landmarks;
   cv::Mat lower = cv::Mat::zeros(f.size, CV_8U), mouth = lower.clone(), edge;
@@ -147,7 +156,7 @@ cv::Mat mask_of(const face &f, const cv::Mat &head) {
   fill_hull(lower, outline);
   cv::rectangle(lower, cv::Rect(cv::Point(0, 0), lower.size()),
                 cv::Scalar(0)); /* the box may end at the square's edge */
-  lower = eroded(depth_of(lower), inside_jaw * f.width);
+  lower = eroded(depth_of(lower), inside_jaw * f.width) & ~nose_of(f);
   cv::Point2f middle(0, 0);
   for (int i = LIPS; i < LIPS_END; i++) middle += at[(size_t)i] * (1.0F / (LIPS_END - LIPS));
   for (int i = LIPS; i < LIPS_END; i++) lips.push_back(middle + mouth_growth * (at[(size_t)i] - middle));

@@ -82,6 +82,23 @@ static void test_drawn(void **state) {
   assert_true(out[4 * lips + 1] >= 20 && out[4 * lips + 1] <= 20 + 16);
 }
 
+/* The nose stays as recorded, the skin below it does not. */
+static void test_nose(void **state) {
+  (void)state;
+  enum { X = 80, Y = 80, NOSE_Y = Y + 9 };
+  bool drawn = false;
+  ern_dub_input in = face_at(X, Y, FACE);
+  paint((const uint8_t[3]){40, 20, 20}, 255);
+  for (int i = 30; i < 36; i++) {
+    in.landmarks[i][0] = (float)(X + 2 * (i - 33) - LEFT) / SQUARE;
+    in.landmarks[i][1] = (float)(NOSE_Y - TOP) / SQUARE;
+  }
+  find_box(&in);
+  support_ok(context, ern_dub_frame(context, &in, out, &drawn));
+  assert_true(drawn && difference((size_t)NOSE_Y * WIDTH + X) <= 12); /* of 100: the mask's edge is soft */
+  assert_true(difference((size_t)(NOSE_Y + 9) * WIDTH + X + 9) > 80);
+}
+
 /* A head that is darker than the recorded skin by less than is matched is not seen. */
 static void test_matched(void **state) {
   (void)state;
@@ -292,14 +309,10 @@ static int close_context(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_drawn),
-                                     cmocka_unit_test(test_matched),
-                                     cmocka_unit_test(test_scaled),
-                                     cmocka_unit_test(test_part),
-                                     cmocka_unit_test(test_wanted),
-                                     cmocka_unit_test(test_recorded_head),
-                                     cmocka_unit_test(test_left_as_recorded),
-                                     cmocka_unit_test(test_any_landmarks),
-                                     cmocka_unit_test(test_refused)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_drawn),         cmocka_unit_test(test_nose),
+                                     cmocka_unit_test(test_matched),       cmocka_unit_test(test_scaled),
+                                     cmocka_unit_test(test_part),          cmocka_unit_test(test_wanted),
+                                     cmocka_unit_test(test_recorded_head), cmocka_unit_test(test_left_as_recorded),
+                                     cmocka_unit_test(test_any_landmarks), cmocka_unit_test(test_refused)};
   return cmocka_run_group_tests(tests, open_context, close_context);
 }
