@@ -27,7 +27,17 @@ constexpr float certain_depth = 0.02F;       /* colours are taken so far from wh
 constexpr float least_cover = 0.5F;          /* of the mask, by the rendered head */
 constexpr int ring_low = 8, ring_high = 153; /* of 255: where the mask is an edge */
 
-enum { JAW_RIGHT = 2, JAW_LEFT = 14, NOSE = 29, NOSE_END = 36, LIPS = 48, LIPS_END = 60 };
+enum {
+  JAW_RIGHT = 2, /* of the box */
+  JAW_LEFT = 14,
+  CHEEK_RIGHT = 3, /* of the mask */
+  CHEEK_LEFT = 13,
+  NOSE = 29,
+  NOSE_BASE = 33,
+  NOSE_END = 36,
+  LIPS = 48,
+  LIPS_END = 60
+};
 
 /* The box in the frame, and the face in it. */
 struct face {
@@ -149,10 +159,8 @@ cv::Mat nose_of(const face &f) {
 cv::Mat mask_of(const face &f, const cv::Mat &head) {
   const std::vector<cv::Point2f> &at = f.landmarks;
   cv::Mat lower = cv::Mat::zeros(f.size, CV_8U), mouth = lower.clone(), edge;
-  std::vector<cv::Point2f> outline(at.begin() + JAW_RIGHT, at.begin() + JAW_LEFT + 1), lips;
-  outline.push_back(0.5F * (at[JAW_LEFT] + at[NOSE]));
-  outline.push_back(at[NOSE]);
-  outline.push_back(0.5F * (at[JAW_RIGHT] + at[NOSE]));
+  std::vector<cv::Point2f> outline(at.begin() + CHEEK_RIGHT, at.begin() + CHEEK_LEFT + 1), lips;
+  outline.push_back(at[NOSE_BASE]);
   fill_hull(lower, outline);
   cv::rectangle(lower, cv::Rect(cv::Point(0, 0), lower.size()),
                 cv::Scalar(0)); /* the box may end at the square's edge */
