@@ -420,6 +420,10 @@ CHECK(ern_image_write_exr_provenance) {
   ern_provenance said = ern_provenance_default();
   REFUSED_ALONE(ern_image_write_exr_provenance(NULL, "a.exr", data, 2, 2, 1, names, &said));
   REFUSED(w.context, "path is NULL", ern_image_write_exr_provenance(w.context, NULL, data, 2, 2, 1, names, &said));
+  said.description = "\xff";
+  REFUSED(w.context, "description is no UTF-8",
+          ern_image_write_exr_provenance(w.context, "a.exr", data, 2, 2, 1, names, &said));
+  said.description = NULL;
   said.consent = "\xff";
   REFUSED(w.context, "consent is no UTF-8",
           ern_image_write_exr_provenance(w.context, "a.exr", data, 2, 2, 1, names, &said));

@@ -83,23 +83,25 @@ static void write_long_size(const char *path) {
   fclose(file);
 }
 
-/* What a player goes by, and what the file says of itself, are those of the first segment. */
+/* What a player goes by, and what the file says of itself, are those of the first segment, but for its description. */
 static void test_join_keeps_tag_and_provenance(void **state) {
   (void)state;
   const char *const parts[] = {"part.mp4", "part.mp4"};
-  const ern_provenance made = ern_provenance_default();
+  ern_provenance made = ern_provenance_default();
   ern_video_options options = ern_video_options_default(SIDE, SIDE);
+  made.description = "from 0 s to 1 s";
   options.provenance = &made;
   options.codec = "hevc";
   write_video("part.mp4", &options);
   const int marks = times_in("part.mp4", "AIGC");
-  assert_true(marks > 0);
+  assert_true(marks > 0 && times_in("part.mp4", made.description) == 2);
   for (int k = 0; k < 2; k++) {
     if (k == 1) write_long_size("part.mp4");
     unlink("joined.mp4");
     support_ok(context, ern_video_join(context, "joined.mp4", parts, 2, NULL, 0));
     assert_int_equal(tag_of("joined.mp4"), MKTAG('h', 'v', 'c', '1'));
     assert_int_equal(times_in("joined.mp4", "AIGC"), marks);
+    assert_int_equal(times_in("joined.mp4", made.description), 0);
   }
 }
 

@@ -145,6 +145,12 @@ static uint64_t big_endian(const unsigned char *from, size_t bytes) {
   return value;
 }
 
+/* Removes what the first segment says is synthetic of it (make_member of provenance.c): the whole has other seconds. */
+static void drop_description(char *xmp) {
+  char *line = strstr(xmp, "   <dc:description>"), *end = line != NULL ? strchr(line, '\n') : NULL;
+  if (end != NULL) memmove(line, end + 1, strlen(end + 1) + 1);
+}
+
 /* The XMP packet in the last box of the first segment, where there is one. A read that fails is no end of the file. */
 static ern_status read_xmp(struct joined *j, const char *path) {
   unsigned char head[24];
@@ -163,8 +169,10 @@ static ern_status read_xmp(struct joined *j, const char *path) {
     if (!is_xmp && fseeko(file, (off_t)(size - header), SEEK_CUR) != 0) goto fail; /* no place in a file */
     if (!is_xmp) continue;
     ERN_TRY(ERN_NEW(j->context, size - sizeof head + 1, &j->xmp));
-    if (fread(head + 8, 1, 16, file) == 16 && fread(j->xmp, 1, size - sizeof head, file) == size - sizeof head)
+    if (fread(head + 8, 1, 16, file) == 16 && fread(j->xmp, 1, size - sizeof head, file) == size - sizeof head) {
+      drop_description(j->xmp);
       goto fail;
+    }
     ern_release(j->context, j->xmp);
     j->xmp = NULL;
     break;
@@ -191,6 +199,7 @@ static ern_status open_output(struct joined *j, const char *path, const struct s
   error = avcodec_parameters_copy(j->stream->codecpar, first->stream->codecpar);
   if (error >= 0) error = av_dict_copy(&j->stream->metadata, first->stream->metadata, 0);
   if (error >= 0) error = av_dict_copy(&muxer->container->metadata, first->container->metadata, 0);
+  if (error >= 0) error = av_dict_set(&muxer->container->metadata, "description", NULL, 0);
   if (error < 0) ERN_TRY(ern_av_fail(j->context, ERN_E_NO_MEMORY, path, "make an mp4", error));
   const unsigned tag = j->stream->codecpar->codec_tag; /* kept where mp4 knows it, such as hvc1 instead of hev1 */
   if (av_codec_get_id(muxer->container->oformat->codec_tag, tag) != j->stream->codecpar->codec_id)
