@@ -40,7 +40,7 @@ static uint8_t *raw(const char *words, size_t bytes) {
 
 /* ---- bytes ------------------------------------------------------------------------------------------------------- */
 
-static void test_order(void **state) {
+static void test_order_long(void **state) {
   (void)state;
   static const char *const models[] = {"head", "torso"};
   char words[256];
@@ -310,7 +310,7 @@ static void test_minimal_memory_long(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_order),
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_order_long),
                                      cmocka_unit_test(test_replay),
                                      cmocka_unit_test(test_numbered_long),
                                      cmocka_unit_test(test_video),

@@ -256,7 +256,7 @@ static void test_watermark_windows(void **state) {
   json_decref(report);
 }
 
-static void test_watermark_live(void **state) {
+static void test_watermark_live_long(void **state) {
   (void)state;
   cli_run(&cli,
           "live w.safetensors --clip clip --audio clip/aud.wav --as-fast --size 128x128 --watermark 'my key' "
@@ -299,7 +299,7 @@ int main(void) {
       cmocka_unit_test(test_consent),     cmocka_unit_test(test_consent_refused),       cmocka_unit_test(test_video),
       cmocka_unit_test(test_file_beside), cmocka_unit_test(test_file_beside_odd_names), cmocka_unit_test(test_label)};
   const struct CMUnitTest watermark[] = {cmocka_unit_test(test_watermark), cmocka_unit_test(test_watermark_windows),
-                                         cmocka_unit_test(test_watermark_live),
+                                         cmocka_unit_test(test_watermark_live_long),
                                          cmocka_unit_test(test_watermark_refused)};
   const int failed = cmocka_run_group_tests(tests, make_clip, NULL);
   return failed + cmocka_run_group_tests(watermark, make_speaking_head, NULL);
