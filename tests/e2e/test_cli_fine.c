@@ -20,7 +20,7 @@ static int make_clip(void **state) {
 
 /* A coarse training that goes on as a fine one is the training that was to become one; a resume of that needs no word
  * of it. What is drawn then differs from what a coarse training of as many steps draws. */
-static void test_after_and_as_the_last_part_long(void **state) {
+static void test_after_and_as_the_last_part(void **state) {
   (void)state;
   cli_run(&cli, "train clip -o m.safetensors " HEAD FINE "--iters 16 --fine-steps 6");
   cli_expect(&cli, 0, NULL);
@@ -106,7 +106,7 @@ static void test_refused(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_after_and_as_the_last_part_long),
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_after_and_as_the_last_part),
                                      cmocka_unit_test(test_by_the_clock_long), cmocka_unit_test(test_refused)};
   return cmocka_run_group_tests(tests, make_clip, NULL);
 }
