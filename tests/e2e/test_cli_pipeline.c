@@ -68,6 +68,22 @@ static void test_order(void **state) {
   }
 }
 
+/* On a device two renderers draw every other frame each. A frame alone is drawn by one. */
+static void test_two_at_a_time(void **state) {
+  (void)state;
+  char words[256];
+  cli_run(&cli, "info devices");
+  if (strstr(cli.out, "opencl") == NULL) skip();
+  uint8_t *all = raw("head.safetensors --clip clip --backend opencl", FRAMES * PIXEL_BYTES);
+  for (size_t k = 4; k < 6; k++) {
+    snprintf(words, sizeof words, "head.safetensors --clip clip --backend opencl --frames %zu:%zu", k, k + 1);
+    uint8_t *one = raw(words, PIXEL_BYTES);
+    assert_memory_equal(all + k * PIXEL_BYTES, one, PIXEL_BYTES);
+    free(one);
+  }
+  free(all);
+}
+
 /* Pictures that must be scaled, from memory or not, on the way forward and back. */
 static void test_replay(void **state) {
   (void)state;
@@ -324,6 +340,7 @@ static void test_minimal_memory_long(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_order),
+                                     cmocka_unit_test(test_two_at_a_time),
                                      cmocka_unit_test(test_replay),
                                      cmocka_unit_test(test_numbered_long),
                                      cmocka_unit_test(test_video),

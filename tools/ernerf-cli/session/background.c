@@ -215,7 +215,7 @@ static size_t begin_frame(struct background *background) {
   const size_t count = background->frame_source->count;
   pthread_mutex_lock(&background->mutex);
   while (!background->stopped && background->begun < count &&
-         background->begun - background->next == background->places)
+         background->begun - background->released == background->places)
     pthread_cond_wait(&background->moved, &background->mutex);
   const size_t k = background->stopped ? count : background->begun;
   background->begun += k < count;
@@ -272,24 +272,29 @@ static void end_readers(struct background *background) {
 /* A picture that a reader failed to read is read again here, after the readers' end: the error text is then that of
  * this frame, whichever of them failed last. */
 int background_next_torso(struct background *background, struct session *session, const uint8_t **rgba) {
-  struct background_torso *torso = &background->torso[background->next % background->places];
-  if (background->holding) ern_image_free(background->context, &torso->image);
+  const size_t k = background->taken++;
+  struct background_torso *torso = &background->torso[k % background->places];
   pthread_mutex_lock(&background->mutex);
-  if (background->holding) {
-    torso->state = TORSO_EMPTY;
-    background->next++;
-    pthread_cond_broadcast(&background->moved);
-    torso = &background->torso[background->next % background->places];
-  }
   while (torso->state == TORSO_EMPTY && !background->stopped) pthread_cond_wait(&background->moved, &background->mutex);
   const bool read = torso->state == TORSO_READ;
   pthread_mutex_unlock(&background->mutex);
-  background->holding = true;
+  if (!read) {
+    end_readers(background);
+    const ern_status status = read_torso(background, &background->frame_source->source_frame[k], &torso->image);
+    if (status != ERN_OK) return session_fail_with(session, "%s", words_of(session->context, status));
+  }
   *rgba = torso->image.data;
-  if (read) return 0;
-  end_readers(background);
-  const struct source_frame *source_frame = &background->frame_source->source_frame[background->next];
-  return background_torso(background, session, background->clip, source_frame->split, source_frame->index, rgba);
+  return 0;
+}
+
+void background_release_torso(struct background *background) {
+  struct background_torso *torso = &background->torso[background->released % background->places];
+  ern_image_free(background->context, &torso->image);
+  pthread_mutex_lock(&background->mutex);
+  torso->state = TORSO_EMPTY;
+  background->released++;
+  pthread_cond_broadcast(&background->moved);
+  pthread_mutex_unlock(&background->mutex);
 }
 
 void background_free(struct background *background, struct session *session) {

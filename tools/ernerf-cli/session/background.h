@@ -10,8 +10,8 @@
 #include "session/frame_source.h"
 #include "session/session.h"
 
-/* BACKGROUND_WAITING: torso pictures beside those that are being read: one is drawn over, one is the next. */
-enum { BACKGROUND_READERS = 8, BACKGROUND_WAITING = 2 };
+/* BACKGROUND_WAITING: torso pictures beside those that are being read: two are drawn over, one is the next. */
+enum { BACKGROUND_READERS = 8, BACKGROUND_WAITING = 3 };
 
 struct background_torso {
   ern_image image; /* RGBA, of the frames' size */
@@ -29,11 +29,11 @@ struct background {
   pthread_t reader[BACKGROUND_READERS];
   pthread_mutex_t mutex; /* guards the members below, and `state` */
   pthread_cond_t moved;
-  size_t begun, next; /* frames that readers have begun; the frame that the caller holds, or takes next */
+  size_t begun, released; /* frames: reading begun, picture no longer in use */
   bool stopped;
   double seconds; /* working time of the readers together */
   /* others' */
-  bool holding; /* the caller uses the picture of `next` */
+  size_t taken; /* frames whose picture the caller has asked for */
   ern_context *context;
   ern_clip *clip;
   const struct frame_source *frame_source;
@@ -54,9 +54,11 @@ int background_torso(struct background *background, struct session *session, ern
  * pictures from the clip. Returns as above. */
 int background_read(struct background *background, struct session *session, ern_clip *clip,
                     const struct frame_source *frame_source);
-/* *rgba = the torso picture of the next frame in the size of the frames; at most once for each frame. Valid until the
- * next call. Returns as above; the error is that of the first frame whose picture cannot be read. */
+/* *rgba = the torso picture of the next frame in the size of the frames; at most once for each frame, by one thread at
+ * a time. Returns as above; the error is that of the first frame whose picture cannot be read. */
 int background_next_torso(struct background *background, struct session *session, const uint8_t **rgba);
+/* Ends the use of the oldest picture of background_next_torso. At most BACKGROUND_WAITING - 1 are in use at a time. */
+void background_release_torso(struct background *background);
 /* Makes a transparent background black. */
 int background_fill(struct background *background, struct session *session);
 
