@@ -28,7 +28,7 @@ static void test_features(void **state) {
   cli_run(&cli, "features clip/aud.wav -o made.npy");
   cli_expect(&cli, 1, "made.npy", "--overwrite", NULL);
   cli_run(&cli, "features clip/aud.wav -o clip/aud.wav -y");
-  cli_expect(&cli, 1, "is an input", NULL);
+  cli_expect(&cli, 2, "clip/aud.wav", "expected a name that ends in .npy", NULL);
   cli_run(&cli, "features clip/aud.wav");
   cli_expect(&cli, 2, "-o FILE.npy is missing", NULL);
   support_write_text("text.wav", "no sound");

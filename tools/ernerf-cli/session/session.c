@@ -460,6 +460,31 @@ static int keep_clip(struct session *session, const char *clip, const char *outp
   return 0;
 }
 
+static bool is_clip_content(const char *name) {
+  size_t i = 0;
+  while (ern_clip_content(i) != NULL && strcmp(ern_clip_content(i), name) != 0) i++;
+  return ern_clip_content(i) != NULL;
+}
+
+/* Fails if `output` is there and is a file or picture of a clip, whether the verb reads that clip or not. */
+static int keep_any_clip(struct session *session, const char *output) {
+  char place[PLACE_BYTES], train[PLACE_BYTES + 32];
+  struct stat about;
+  if (stat(output, &about) != 0 || !S_ISREG(about.st_mode) || !place_of(output, place)) return 0;
+  const char *dot = strrchr(place, '.');
+  if (session->makes_features && dot != NULL && strcmp(dot, ".npy") == 0) return 0;
+  for (int up = 0; up < 2; up++) { /* CLIP/FILE, CLIP/FOLDER/PICTURE */
+    char *slash = strrchr(place, '/');
+    if (slash == NULL) break;
+    *slash = 0;
+    snprintf(train, sizeof train, "%s/%s", place, "transforms_train.json");
+    if (is_clip_content(slash + 1) && stat(train, &about) == 0)
+      return session_fail_with(session, "%s: is a part of the clip %s, expected another name for the output", output,
+                               place);
+  }
+  return 0;
+}
+
 int session_check_not_input(struct session *session, const char *input, const char *output) {
   struct stat about;
   if (input == NULL || output == NULL || stat(input, &about) != 0) return 0;
@@ -525,6 +550,7 @@ int session_check_output(struct session *session, const char *path) {
   if (!session_folder_there(path)) return session_fail_with(session, "%s: its folder is not there", path);
   if (session_check_not_inputs(session, path) != 0 || session_check_distinct_output(session, path) != 0)
     return EXIT_FAILURE;
+  if (session->overwrite && keep_any_clip(session, path) != 0) return EXIT_FAILURE;
   if (!session->overwrite && stat(path, &about) == 0 && S_ISREG(about.st_mode))
     return session_fail_with(session, "%s: is there already; --overwrite (-y) replaces it", path);
   return ern_file_check_output(session->context, path) == ERN_OK ? 0 : session_fail(session);
