@@ -35,6 +35,9 @@ static void test_features(void **state) {
   cli_run(&cli, "features text.wav -o text.npy");
   cli_expect(&cli, 1, "text.wav", NULL);
   assert_false(cli_there("text.npy"));
+  support_write_text("nothing.wav", "");
+  cli_run(&cli, "features nothing.wav -o text.npy");
+  cli_expect(&cli, 1, "nothing.wav: is empty", NULL);
   /* a training on the file is that on the sound, without augmentation */
   cli_run(&cli,
           "train clip --speech-copies 0 --speech-noise 0 -o a.safetensors --iters 4 --rays 64 "
