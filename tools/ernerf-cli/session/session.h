@@ -114,8 +114,8 @@ json_t *session_number(double value);
 /* An integer; from 2^63 on, which exceeds the JSON library's integers, a string of its digits. */
 json_t *session_whole(uint64_t value);
 
-/* Fails if `output` is the file `input` or a file of the clip `input`, even under another name, or if it lies in a
- * picture folder of the clip. NULL: none. */
+/* Fails if `output` is the file `input` or a file of the clip `input`, even under another name, if it lies in a picture
+ * folder of the clip, or if it is there in another folder `input`, such as one of landmarks. NULL: none. */
 int session_check_not_input(struct session *session, const char *input, const char *output);
 /* The same for all inputs. */
 int session_check_not_inputs(struct session *session, const char *output);
