@@ -184,6 +184,22 @@ static void test_any_form_long(void **state) {
   ern_context_free(&context);
 }
 
+/* Speech in the centre of 5.1 is that speech, also where it is quiet: nothing is divided by the number of channels. */
+static void test_centre(void **state) {
+  (void)state;
+  enum { RATE = 16000, CHANNELS = 6, CENTRE = 2 };
+  ern_context *context = support_context();
+  size_t frames = 0;
+  static float rows[2][200 * WIDTH];
+  float *alone = make_voice(RATE, 1, 1, 0.02, &frames), *all = calloc(frames * CHANNELS, sizeof *all);
+  for (size_t i = 0; i < frames; i++) all[CHANNELS * i + CENTRE] = alone[i];
+  const size_t count = rows_of(context, alone, frames, RATE, 1, 4096, rows[0]);
+  assert_int_equal(rows_of(context, all, frames, RATE, CHANNELS, 4096, rows[1]), count);
+  assert_memory_equal(rows[0], rows[1], count * WIDTH * sizeof(float));
+  free(alone), free(all);
+  ern_context_free(&context);
+}
+
 /* ---- bad sound ----------------------------------------------------------------------------------------------- */
 
 /* right = -left: the mean is silence, so the features are those of a channel, in every reader of sound, and a warning
@@ -348,8 +364,8 @@ static void test_files(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_plain),         cmocka_unit_test(test_any_cut),
-                                     cmocka_unit_test(test_any_form_long), cmocka_unit_test(test_cancelled),
-                                     cmocka_unit_test(test_refusals),      cmocka_unit_test(test_failed_stream),
-                                     cmocka_unit_test(test_files)};
+                                     cmocka_unit_test(test_any_form_long), cmocka_unit_test(test_centre),
+                                     cmocka_unit_test(test_cancelled),     cmocka_unit_test(test_refusals),
+                                     cmocka_unit_test(test_failed_stream), cmocka_unit_test(test_files)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }
