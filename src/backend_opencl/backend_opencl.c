@@ -19,6 +19,7 @@ static void stream_free(struct ern_stream *stream) {
   struct ern_cl_stream *own = ern_cl_stream_of(stream);
   struct ern_backend *table = &own->owner->table;
   if (own->queue != NULL) clFinish(own->queue);
+  ern_cl_staging_free(own);
   ern_cl_portrait_free(own);
   for (size_t i = 0; i < own->kernel_count; i++) clReleaseKernel(own->kernels[i].kernel);
   ern_release(table->context, own->kernels);

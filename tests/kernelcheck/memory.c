@@ -55,6 +55,32 @@ static void test_buffers_are_clear(void **state) {
   machines_clear();
 }
 
+/* The caller's memory may change as soon as an upload returns, also where more is uploaded than a device stages. */
+static void test_uploads_take_copies(void **state) {
+  (void)state;
+  enum { PIECE = 3 << 20, PIECES = 7, ALL = PIECES * PIECE };
+  uint8_t *values = held_memory(ALL, 1);
+  EACH_MACHINE (k) {
+    struct ern_backend *backend = machines.backend[k];
+    struct ern_stream *stream = machines.stream[k];
+    struct ern_buffer *buffer = NULL;
+    support_ok(machines.context, backend->buffer_make(backend, ERN_ELEMENT_BYTE, ALL, &buffer));
+    for (int whole = 0; whole < 2; whole++) {
+      for (size_t i = 0; i < (whole ? 1 : PIECES); i++) {
+        const ern_span to = {buffer, i * PIECE, whole ? ALL : PIECE};
+        memset(values, (int)(i + 1), to.count);
+        support_ok(machines.context, backend->upload_bytes(stream, to, values, to.count));
+        memset(values, 0x5a, to.count);
+      }
+      support_ok(machines.context, backend->download_bytes(stream, values, (ern_span){buffer, 0, ALL}, ALL));
+      for (size_t i = 0; i < ALL; i++) assert_int_equal(values[i], whole ? 1 : i / PIECE + 1);
+    }
+    backend->buffer_free(backend, buffer);
+    machines.checks += k > 0;
+  }
+  machines_clear();
+}
+
 static void test_too_much(void **state) {
   (void)state;
   EACH_MACHINE (k) {
@@ -71,5 +97,5 @@ static void test_too_much(void **state) {
 }
 
 static const struct CMUnitTest tests[] = {cmocka_unit_test(test_moves), cmocka_unit_test(test_buffers_are_clear),
-                                          cmocka_unit_test(test_too_much)};
+                                          cmocka_unit_test(test_uploads_take_copies), cmocka_unit_test(test_too_much)};
 NOUN(memory, NULL, .isa = NULL)
