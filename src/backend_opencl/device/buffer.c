@@ -168,8 +168,8 @@ void ern_cl_staging_free(struct ern_cl_stream *stream) {
   }
 }
 
-/* *staging = the one with room for `bytes`; NULL where there is none: then the transfer must be waited for. A CPU as
- * the device reads the caller's memory at once. */
+/* *staging = the one with room for `bytes`; NULL where there is none: then the transfer is from or to the caller's
+ * memory, and waited for. For a CPU as the device that is the faster way. */
 static cl_int staging_with_room(struct ern_cl_stream *stream, size_t bytes, struct ern_cl_staging **staging) {
   cl_int code = CL_SUCCESS;
   *staging = NULL;
@@ -208,12 +208,18 @@ static ern_status write_span(struct ern_stream *stream, ern_span to, const void 
   return ern_cl_check(own->owner, code, "write to the device");
 }
 
+/* Through staging memory likewise: a transfer to pageable memory is slower than one to pinned memory and a copy. */
 ern_status ern_cl_read(struct ern_stream *stream, void *to, ern_span from, size_t count) {
   if (count == 0) return ERN_OK;
-  const size_t each = element_bytes[from.buffer->element];
-  const cl_int code = clEnqueueReadBuffer(ern_cl_stream_of(stream)->queue, from.buffer->memory, CL_TRUE, from.at * each,
-                                          count * each, to, 0, NULL, NULL);
-  return ern_cl_check(ern_cl_backend_of(stream), code, "read from the device");
+  struct ern_cl_stream *own = ern_cl_stream_of(stream);
+  struct ern_cl_staging *staging = NULL;
+  const size_t each = element_bytes[from.buffer->element], bytes = count * each;
+  cl_int code = staging_with_room(own, bytes, &staging);
+  void *pinned = staging != NULL ? staging->bytes + staging->used : to;
+  if (code == CL_SUCCESS)
+    code = clEnqueueReadBuffer(own->queue, from.buffer->memory, CL_TRUE, from.at * each, bytes, pinned, 0, NULL, NULL);
+  if (code == CL_SUCCESS && staging != NULL) memcpy(to, pinned, bytes);
+  return ern_cl_check(own->owner, code, "read from the device");
 }
 
 static ern_status upload_reals(struct ern_stream *stream, ern_span to, const float *from, size_t count) {
