@@ -101,7 +101,7 @@ struct ern_cl_pending {
   size_t at, count;
 };
 
-/* Pinned host memory that uploads are copied to, so that the host need not wait for the transfer. */
+/* Pinned host memory that transfers go through: the host need not wait for an upload. */
 struct ern_cl_staging {
   cl_mem memory;
   uint8_t *bytes; /* [ERN_CL_STAGING]; NULL: not made yet, or refused */
@@ -122,6 +122,7 @@ struct ern_cl_stream {
   size_t figures_used;
   struct ern_cl_pending pending[ERN_CL_PENDING];
   size_t pending_count;
+  cl_event mark[ERN_MARKS];         /* NULL: not set */
   struct ern_cl_portrait *portrait; /* of render_prepare; NULL: nothing was prepared */
   struct ern_cl_staging staging[2]; /* one is filled while the device reads the other */
   int staging_at;                   /* the one that is filled */
