@@ -84,6 +84,13 @@ static void set_picture(AVCodecContext *made, const struct ern_picture_track *tr
   made->sample_aspect_ratio = av_d2q(aspect > 0 ? aspect : 1, MOST_ASPECT);
 }
 
+/* Fixed numbers: an encoder's threads decide bits of the file. x264 codes a frame in each of six threads, and looks
+ * ahead in two more. */
+static int threads_of(const struct ern_picture_settings *settings) {
+  if (settings->coding != ERN_PICTURES_FILE) return 1;
+  return settings->codec->id == AV_CODEC_ID_H264 ? 6 : 2;
+}
+
 static ern_status open_encoder(struct ern_muxer *muxer, struct ern_picture_track *track, AVRational rate,
                                const struct ern_picture_settings *settings) {
   ern_context *context = muxer->context;
@@ -106,7 +113,7 @@ static ern_status open_encoder(struct ern_muxer *muxer, struct ern_picture_track
   if (muxer->container->oformat->flags & AVFMT_GLOBALHEADER) made->flags |= AV_CODEC_FLAG_GLOBAL_HEADER;
   const locale_t host = ern_locale_plain(); /* settings of encoders are text, and x264 writes them into the stream */
   int error = raw ? 0 : set_options(made, settings);
-  made->thread_count = coding == ERN_PICTURES_FILE ? 2 : 1;
+  made->thread_count = threads_of(settings);
   const int opened = error >= 0 ? avcodec_open2(made, codec, NULL) : error;
   ern_locale_restore(host);
   if (error == AVERROR_OPTION_NOT_FOUND) {
