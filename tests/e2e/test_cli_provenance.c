@@ -191,6 +191,8 @@ static void test_label(void **state) {
   cli_expect(&cli, 1, "--label", "the frames have 64 x 64", NULL);
   assert_false(cli_there("w.mp4"));
   /* a private letter, which no font has; "Ä" is in any */
+  cli_run(&cli, "render t.safetensors --clip clip --frames 0:2 --size 33x17 --label 'made by AI' -o w.mp4");
+  cli_expect(&cli, 1, "--label", "the frames have 33 x 17", NULL); /* letters of a pixel would fit, and not be read */
   cli_run(&cli, "render t.safetensors --clip clip --frames 0:2 --label '\xc3\x84\xf4\x8f\xbf\xbd' -o w.mp4");
   cli_expect(&cli, 1, "--label", "U+10FFFD (\xf4\x8f\xbf\xbd)", "fonts-unifont", NULL);
   cli_run(&cli, "render t.safetensors --clip clip --frames 0:2 --label 'A\nI' -o w.mp4");
