@@ -25,8 +25,9 @@ struct ern_backend {
   void (*stream_free)(struct ern_stream *); /* accepts NULL */
   void (*free)(struct ern_backend *);
 
-  /* Between the host and the device. An upload has read `from` when it returns, a download has written `to`. Reals are
-   * converted. `count` elements at the start of the span. */
+  /* Between the host and the device. An upload has read `from` when it returns, a download has written `to`. What an
+   * upload writes is there for the stream's own later work, and for others' once a download on the stream has returned.
+   * Reals are converted. `count` elements at the start of the span. */
   ern_status (*upload_reals)(struct ern_stream *, ern_span to, const float *from, size_t count);
   ern_status (*download_reals)(struct ern_stream *, float *to, ern_span from, size_t count);
   ern_status (*upload_int32)(struct ern_stream *, ern_span to, const int32_t *from, size_t count);

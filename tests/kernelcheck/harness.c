@@ -21,6 +21,10 @@ size_t set_local_bytes(int k, size_t bytes) {
   if (bytes > 0) device_of(k)->local_bytes = bytes;
   return own;
 }
+/* What was uploaded on a stream is there for another one once the first has been waited for. */
+static void stream_wait(int k) {
+  if (is_device(k)) assert_int_equal(clFinish(ern_cl_stream_of(machines.stream[k])->queue), CL_SUCCESS);
+}
 int set_vector_width(int k, int width) {
   const int own = device_of(k)->width;
   if (width > 0) device_of(k)->width = width;
@@ -30,11 +34,13 @@ int set_vector_width(int k, int width) {
 bool divides_exactly(int k) { return k >= 0; }
 bool compiles_for_cpus(int k) { return k < 0; }
 size_t set_local_bytes(int k, size_t bytes) { return (void)k, bytes; }
+static void stream_wait(int k) { (void)k; }
 int set_vector_width(int k, int width) { return (void)k, width; }
 #endif
 
 struct ern_stream *stream_replace(int k, int threads) {
   struct ern_stream *own = machines.stream[k];
+  stream_wait(k);
   support_ok(machines.context, machines.backend[k]->stream_make(machines.backend[k], threads, &machines.stream[k]));
   return own;
 }
