@@ -16,12 +16,15 @@ enum {
   FEW_COLUMNS = 16,    /* of a GPU's tile, however few samples there are */
   SHARE_MOST = 8,      /* items that share a column at most: each has four rows of a block or more */
   CHUNK = 32,          /* of mlp.cl, as BLOCK */
-  BLOCK = 32
+  BLOCK = 32,
+  WARP = 32,    /* items that use a tensor core together */
+  FRAGMENT = 8, /* columns of theirs */
 };
 
 /* Sizes of a program: see mlp.cl. */
 struct plan {
   int columns, share, vectors, lanes; /* a group has columns*share items */
+  bool tensor;                        /* products by tensor cores */
   size_t tile;                        /* samples of a group */
   char options[OPTION_BYTES];
   size_t used;
@@ -41,11 +44,12 @@ static void say(struct plan *plan, const char *format, ...) {
 
 /* Floats of a row of a tile. */
 static size_t line(const struct plan *plan, bool cpu) {
-  return (size_t)(plan->columns * plan->vectors + (cpu ? 0 : 1)) * (size_t)plan->lanes;
+  return (size_t)(plan->columns * plan->vectors + (cpu ? 0 : plan->tensor ? 4 : 1)) * (size_t)plan->lanes;
 }
 
 /* Bytes of the weights that a GPU's group stages: CHUNK x STAGE_ROW. */
 static size_t stage_bytes(const struct plan *plan) {
+  if (plan->tensor) return 0;
   const size_t share = (size_t)plan->share, rows = (BLOCK / share + 1 + 3) / 4 * 4;
   return CHUNK * share * rows * sizeof(float);
 }
@@ -72,6 +76,20 @@ static bool is_too_large(const struct plan *plan, const struct ern_cl_device *de
          (plan->columns > FEW_COLUMNS && n / (size_t)plan->columns < device->units);
 }
 
+/* The largest tile of whole fragments or, without tensor cores, of any size that suits a GPU and n samples. */
+static void plan_columns(struct plan *plan, const struct ern_cl_device *device, int most, bool tensor, size_t channels,
+                         size_t n) {
+  plan->tensor = tensor;
+  plan->columns = most;
+  plan->share = share_for(plan->columns, device);
+  while (plan->columns > 1 && is_too_large(plan, device, channels, n)) {
+    plan->columns /= 2;
+    plan->share = share_for(plan->columns, device);
+  }
+  if (tensor && (plan->columns % FRAGMENT != 0 || plan->columns * plan->share % WARP != 0))
+    plan_columns(plan, device, most, false, channels, n);
+}
+
 /* The largest tile that suits the device and n samples, at most of the tunable's size. */
 static void plan_tile(struct plan *plan, const struct ern_cl_backend *backend, ern_cl_tunable tunable, size_t channels,
                       size_t transposed, size_t n) {
@@ -87,16 +105,11 @@ static void plan_tile(struct plan *plan, const struct ern_cl_backend *backend, e
         plan->lanes = plan->lanes > 4 ? plan->lanes / 2 : 1;
     }
   } else {
-    plan->columns = backend->size[tunable];
-    plan->share = share_for(plan->columns, device);
-    while (plan->columns > 1 && is_too_large(plan, device, channels, n)) {
-      plan->columns /= 2;
-      plan->share = share_for(plan->columns, device);
-    }
+    plan_columns(plan, device, backend->size[tunable], device->tensor, channels, n);
   }
   plan->tile = (size_t)(plan->columns * plan->vectors * plan->lanes);
-  say(plan, "-D GROUP=%d -D SHARE=%d -D VECTORS=%d -D LANES=%d", plan->columns * plan->share, plan->share,
-      plan->vectors, plan->lanes);
+  say(plan, "-D GROUP=%d -D SHARE=%d -D VECTORS=%d -D LANES=%d -D TENSOR=%d", plan->columns * plan->share, plan->share,
+      plan->vectors, plan->lanes, plan->tensor);
 }
 
 static size_t plan_items(const struct plan *plan) { return (size_t)(plan->columns * plan->share); }

@@ -4,7 +4,8 @@
  * A work-group takes a tile of samples through all layers. Values are in local memory, [channel][sample of the tile].
  * On a CPU a work-item computes whole columns, those of its own samples. On a GPU SHARE items share a column: each
  * computes its part of a layer's rows, because one item a column leaves too few for the latency of the memory. Weights
- * are staged in local memory on a GPU and read from the caches on a CPU.
+ * are staged in local memory on a GPU and read from the caches on a CPU. TENSOR: a warp computes strips of 16 rows by
+ * tensor cores (tensor.cl), and reads the weights from the caches.
  *
  * Built for one stack, by the options of mlp.c:
  *   LAYERS, HIDDEN = LAYERS - 1; C0 .. widths; A0 .. offset of each W from the first W
@@ -18,7 +19,6 @@
  *       of a per-batch piece at B0 .. B3, LANES floats each */
 #define JOIN_(a, b) a##b
 #define JOIN(a, b) JOIN_(a, b)
-#define INLINE static inline __attribute__((always_inline))
 #define COLUMNS (GROUP / SHARE)
 #define TILE (COLUMNS * VECTORS * LANES) /* samples */
 #if SHARE == 1
@@ -39,16 +39,17 @@ typedef JOIN(float, LANES) vf;
 #define STORE(value, to) JOIN(vstore, LANES)(value, 0, to)
 #endif
 
-/* A row of a tile is LINE vectors: on a GPU one more than needed, so that a column is spread over the memory banks.
+/* A row of a tile is LINE vectors: on a GPU one more than needed, so that a column is spread over the memory banks, and
+ * four more where tensor cores read fragments.
  * BLOCK rows x VECTORS sums are computed at a time, those of an item in registers: 8 x 3 where there are 32 registers,
  * 4 x 3 where there are 16. */
 #if CPU
 #define LINE VECTORS
 #define BLOCK (LANES == 8 ? 4 : 8)
-#define STAGE
-#define STAGED
-#define STAGE_MEMORY
 #define WAIT
+#elif TENSOR
+#define LINE (COLUMNS + 4)
+#define WAIT barrier(CLK_LOCAL_MEM_FENCE);
 #else
 #define LINE (COLUMNS * VECTORS + 1)
 #define BLOCK 32
@@ -59,6 +60,11 @@ typedef JOIN(float, LANES) vf;
 #define STAGED , stage
 #define STAGE_MEMORY local float stage[CHUNK * STAGE_ROW] __attribute__((aligned(16)));
 #define WAIT barrier(CLK_LOCAL_MEM_FENCE);
+#endif
+#if CPU || TENSOR
+#define STAGE
+#define STAGED
+#define STAGE_MEMORY
 #endif
 /* Rows after the last full block; a single one is added to that block where there are registers for it. */
 #define REST(rows) ((rows) % BLOCK == 1 && (rows) > BLOCK && BLOCK != 4 ? BLOCK + 1 : (rows) % BLOCK)
@@ -153,6 +159,52 @@ INLINE void put_rows(global float *y, const ulong stride, local const vf *tile, 
 
 /* ---- products ---------------------------------------------------------------------------------------------------- */
 
+typedef enum finish {
+  AS_IT_IS,
+  RELU, /* max(sum, 0); NaN stays NaN, so that it is noticed */
+  SLOPE /* derivative of the ReLU: sum where the value that `out` holds is above 0 (or NaN); else 0 */
+} finish;
+#define FINISHED(how, sum, out) \
+  (how == RELU ? (sum) < 0 ? (vf)0 : (sum) : how == SLOPE ? (out) <= 0 ? (vf)0 : (sum) : (sum))
+
+#if TENSOR
+/* How the strips of 16 rows, each `across` fragments wide, are shared out to the warps of a group: each is cut into
+ * parts of equal width, as many as take the least time. */
+#define WARPS (GROUP / WARP)
+#define UP(a, b) (((a) + (b)-1) / (b))
+INLINE int cost(const int strips, const int across, const int parts) {
+  return UP(strips * parts, WARPS) * (UP(across, parts) + 1);
+}
+INLINE int parts_of(const int strips, const int across) {
+  const int least = UP(across, FRAGMENTS_MOST);
+  const int two = cost(strips, across, 2 * least) < cost(strips, across, least) ? 2 * least : least;
+  return cost(strips, across, 4 * least) < cost(strips, across, two) ? 4 * least : two;
+}
+
+/* All rows of out = A in; A (r, k) at r*a_row + k*a_step. A sum of numbers that are not all finite is computed again
+ * without parts. */
+INLINE void product(const finish how, local float *out, local const float *in, global const float *a, const int a_row,
+                    const int a_step, const int rows, const int count, const int item) {
+  const int strips = UP(rows, 16), parts = parts_of(strips, TILE / 8), wide = UP(TILE / 8, parts);
+  barrier(CLK_LOCAL_MEM_FENCE);
+  for (int units = 0; units < strips * parts; units += WARPS) {
+    const int unit = units + item / WARP;
+    if (NVIDIA && unit >= strips * parts) break;
+    const int row = unit % strips * 16, column = unit / strips * wide * 8;
+    float sum[FRAGMENTS_MOST][4] = {{0}};
+    global_strip(sum, wide, a + row * a_row, a_row, a_step, rows - row, in + column, LINE, 1, TILE - column,
+                 item % WARP, count);
+    EACH(f, wide) EACH(i, 4) {
+      const int r = row + SUM_ROW(item % WARP, i), c = column + 8 * f + SUM_COLUMN(item % WARP, i);
+      if (r < rows && c < TILE) {
+        if (isnan(sum[f][i])) sum[f][i] = dot_global_strip(false, a + r * a_row, a_step, in + c, LINE, count);
+        out[r * LINE + c] = FINISHED(how, sum[f][i], out[r * LINE + c]);
+      }
+    }
+  }
+}
+
+#else
 /* The sums of a block, rows x `vectors`. */
 #define SUMS vf sum[9 > BLOCK ? 9 : BLOCK + 1][3]
 #define CLEAR_SUM(r, v) sum[r][v] = 0;
@@ -206,12 +258,6 @@ INLINE void products(SUMS, local const vf *in, global const float *a, const int 
 #endif
 }
 
-typedef enum finish {
-  AS_IT_IS,
-  RELU, /* max(sum, 0); NaN stays NaN, so that it is noticed */
-  SLOPE /* derivative of the ReLU: sum where the value that `out` holds is above 0 (or NaN); else 0 */
-} finish;
-
 /* Rows row .. row+all-1 of out = A in. */
 INLINE void block(const finish how, local vf *out, local const vf *in, global const float *a, const int a_row,
                   const int a_step, const int row, const int all, const int count, const int item STAGE) {
@@ -219,10 +265,7 @@ INLINE void block(const finish how, local vf *out, local const vf *in, global co
   SUMS;
   products(sum, in, a + row * a_row, a_row, a_step, all, count, item STAGED);
   out += (row + before) * LINE + COLUMN(item);
-#define FINISH(r, v)                                                                                \
-  out[r * LINE + v * COLUMNS] = how == RELU    ? sum[r][v] < 0 ? (vf)0 : sum[r][v]                  \
-                                : how == SLOPE ? out[r * LINE + v * COLUMNS] <= 0 ? (vf)0 : sum[r][v] \
-                                               : sum[r][v];
+#define FINISH(r, v) out[r * LINE + v * COLUMNS] = FINISHED(how, sum[r][v], out[r * LINE + v * COLUMNS]);
 #define FINISH_ROW(r) \
   if (r < rows && (all % SHARE == 0 || before + r < all)) { EACH_VECTOR(FINISH, r) }
   EACH_ROW(FINISH_ROW)
@@ -235,6 +278,7 @@ INLINE void product(const finish how, local vf *out, local const vf *in, global 
     block(how, out, in, a, a_row, a_step, row, BLOCK, count, item STAGED);
   if (REST(rows) > 0) block(how, out, in, a, a_row, a_step, rows - REST(rows), REST(rows), count, item STAGED);
 }
+#endif
 
 /* ---- forward ----------------------------------------------------------------------------------------------------- */
 
@@ -350,6 +394,33 @@ INLINE void add_weights(global float *dw, local const vf *slope, local const vf 
   if (last == 1) add_rows(dw, from, transposed, padded, outs, padded - 1, 1);
 }
 
+#elif TENSOR
+/* The same in strips of the outputs, or of the inputs if that takes less time. */
+INLINE void add_weights(global float *dw, local const float *slope, local const float *value, local float *transposed,
+                        const int outs, const int ins, const int row, const int item) {
+  const int by_outs = parts_of(UP(outs, 16), UP(ins, 8)), by_ins = parts_of(UP(ins, 16), UP(outs, 8));
+  const bool turned = cost(UP(ins, 16), UP(outs, 8), by_ins) < cost(UP(outs, 16), UP(ins, 8), by_outs);
+  local const float *const a = turned ? value : slope, *const b = turned ? slope : value;
+  const int rows = turned ? ins : outs, columns = turned ? outs : ins, parts = turned ? by_ins : by_outs;
+  const int strips = UP(rows, 16), wide = UP(UP(columns, 8), parts);
+  for (int units = 0; units < strips * parts; units += WARPS) {
+    const int unit = units + item / WARP;
+    if (NVIDIA && unit >= strips * parts) break;
+    const int first = unit % strips * 16, left = unit / strips * wide * 8;
+    float sum[FRAGMENTS_MOST][4] = {{0}}, before[FRAGMENTS_MOST][4];
+    local_strip(sum, wide, a + first * LINE, LINE, 1, rows - first, b + left * LINE, 1, LINE, columns - left,
+                item % WARP, TILE);
+#define EACH_SUM(DO)                                                                                            \
+  EACH(f, wide) EACH(i, 4) {                                                                                    \
+    const int r = first + SUM_ROW(item % WARP, i), c = left + 8 * f + SUM_COLUMN(item % WARP, i);               \
+    if (r < rows && c < columns) DO;                                                                            \
+  }
+    EACH_SUM(before[f][i] = dw[turned ? c * row + r : r * row + c])
+    EACH_SUM(if (isnan(sum[f][i])) sum[f][i] = dot_local_strip(false, a + r * LINE, 1, b + c * LINE, 1, TILE))
+    EACH_SUM(dw[turned ? c * row + r : r * row + c] = before[f][i] + sum[f][i])
+  }
+}
+
 #else
 /* The same on a GPU: an item computes 4 x 4 sums. Their rows and columns are apart, so that neighbouring items read
  * neighbouring elements. */
@@ -427,17 +498,19 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void mlp_bwd(GRADIENTS
   for (ulong first = begin; first < end; first += TILE) {
     local vf *to = values;
     EACH_PIECE(GATHER)
+#define ITEM(l) item_of(item, (uint)first + (l))
 #define LAYER(l, next)                                                                                               \
-  product(RELU, values + V##next * LINE, values + V##l * LINE, w + A##l, C##l, 1, C##next, C##l, item STAGED);
+  product(RELU, values + V##next * LINE, values + V##l * LINE, w + A##l, C##l, 1, C##next, C##l, ITEM(l) STAGED);
     JOIN(UP_, HIDDEN)(LAYER)
     gather(values + JOIN(V, LAYERS) * LINE, dy, dy_stride, JOIN(C, LAYERS), PER_SAMPLE, 0, first, n, item);
-#define LAYER_BWD(l, next)                                                                                        \
-  WAIT add_weights(own + G##l, values + V##next * LINE, values + V##l * LINE, transposed, C##next, C##l, E##l, item); \
-  WAIT if (l > 0)                                                                                                 \
-      product(SLOPE, values + V##l * LINE, values + V##next * LINE, w + A##l, 1, C##l, C##l, C##next, item STAGED);
+#define LAYER_BWD(l, next)                                                                                           \
+  WAIT add_weights(own + G##l, values + V##next * LINE, values + V##l * LINE, transposed, C##next, C##l, E##l,        \
+                   ITEM(LAYERS + l));                                                                                \
+  WAIT if (l > 0) product(SLOPE, values + V##l * LINE, values + V##next * LINE, w + A##l, 1, C##l, C##l, C##next,     \
+                          ITEM(2 * LAYERS + l) STAGED);
     JOIN(DOWN_, LAYERS)(LAYER_BWD)
 #if DX_ROWS > 0
-    product(AS_IT_IS, values + DX_FROM * LINE, values + V1 * LINE, w + DX_FROM, 1, C0, DX_ROWS, C1, item STAGED);
+    product(AS_IT_IS, values + DX_FROM * LINE, values + V1 * LINE, w + DX_FROM, 1, C0, DX_ROWS, C1, ITEM(0) STAGED);
     WAIT
     to = values;
 #define SCATTER(p) \
