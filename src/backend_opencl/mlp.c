@@ -17,8 +17,8 @@ enum {
   SHARE_MOST = 8,      /* items that share a column at most: each has four rows of a block or more */
   CHUNK = 32,          /* of mlp.cl, as BLOCK */
   BLOCK = 32,
-  WARP = 32,    /* items that use a tensor core together */
-  FRAGMENT = 8, /* columns of theirs */
+  WARP = 32,   /* items that use a tensor core together */
+  FRAGMENT = 8 /* columns of theirs */
 };
 
 /* Sizes of a program: see mlp.cl. */

@@ -597,4 +597,4 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(test_again), cmocka_unit_test(test_not_finite), cmocka_unit_test(test_unwanted),
     cmocka_unit_test(test_place),
 };
-NOUN(mlp, bench, .isa = NULL)
+NOUN(mlp, bench, .tensor = true)

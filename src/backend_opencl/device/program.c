@@ -24,8 +24,8 @@ static const struct {
 #undef ENTRY
 };
 
-/* The sources of a program: common.cl; tensor.cl where tensor cores may be used; tile.cl for the fused passes, samples.cl
- * for kernels over samples; the source itself. */
+/* The sources of a program: common.cl; tensor.cl where tensor cores may be used; tile.cl for the fused passes,
+ * samples.cl for kernels over samples; the source itself. */
 enum { TEXTS = 4 };
 static void texts_of(ern_cl_source source, const char *text[TEXTS], size_t bytes[TEXTS]) {
   const bool fused = source == ERN_CL_render || source == ERN_CL_render_torso,

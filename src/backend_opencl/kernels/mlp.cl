@@ -187,7 +187,7 @@ INLINE void product(const finish how, local float *out, local const float *in, g
                     const int a_step, const int rows, const int count, const int item) {
   const int strips = UP(rows, 16), parts = parts_of(strips, TILE / 8), wide = UP(TILE / 8, parts);
   barrier(CLK_LOCAL_MEM_FENCE);
-  for (int units = 0; units < strips * parts; units += WARPS) {
+  for (int units = 0; units < strips * parts; units += WARPS) { /* all warps take part: PoCL needs uniform loops */
     const int unit = units + item / WARP;
     if (NVIDIA && unit >= strips * parts) break;
     const int row = unit % strips * 16, column = unit / strips * wide * 8;
@@ -406,13 +406,13 @@ INLINE void add_weights(global float *dw, local const float *slope, local const 
   for (int units = 0; units < strips * parts; units += WARPS) {
     const int unit = units + item / WARP;
     if (NVIDIA && unit >= strips * parts) break;
-    const int first = unit % strips * 16, left = unit / strips * wide * 8;
+    const int top = unit % strips * 16, left = unit / strips * wide * 8;
     float sum[FRAGMENTS_MOST][4] = {{0}}, before[FRAGMENTS_MOST][4];
-    local_strip(sum, wide, a + first * LINE, LINE, 1, rows - first, b + left * LINE, 1, LINE, columns - left,
+    local_strip(sum, wide, a + top * LINE, LINE, 1, rows - top, b + left * LINE, 1, LINE, columns - left,
                 item % WARP, TILE);
 #define EACH_SUM(DO)                                                                                            \
   EACH(f, wide) EACH(i, 4) {                                                                                    \
-    const int r = first + SUM_ROW(item % WARP, i), c = left + 8 * f + SUM_COLUMN(item % WARP, i);               \
+    const int r = top + SUM_ROW(item % WARP, i), c = left + 8 * f + SUM_COLUMN(item % WARP, i);               \
     if (r < rows && c < columns) DO;                                                                            \
   }
     EACH_SUM(before[f][i] = dw[turned ? c * row + r : r * row + c])
