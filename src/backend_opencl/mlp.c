@@ -13,6 +13,7 @@ enum {
   LEAST_TILES = 8,     /* on a CPU. On a GPU tiles in a row only cost time: first come as many parts as can be */
   SUMS_MOST = 1 << 24, /* floats of all parts' sums: 64 MiB */
   GPU_ITEMS = 128,     /* of a group: enough to hide the latency of local memory */
+  TENSOR_ITEMS = 256,  /* likewise, where tensor cores compute */
   FEW_COLUMNS = 16,    /* of a GPU's tile, however few samples there are */
   SHARE_MOST = 8,      /* items that share a column at most: each has four rows of a block or more */
   CHUNK = 32,          /* of mlp.cl, as BLOCK */
@@ -62,9 +63,10 @@ static size_t local_bytes(const struct plan *plan, bool cpu, size_t channels, si
 }
 
 /* How many items share a column. */
-static int share_for(int columns, const struct ern_cl_device *device) {
+static int share_for(int columns, const struct ern_cl_device *device, bool tensor) {
+  const int items = tensor ? TENSOR_ITEMS : GPU_ITEMS;
   int share = 1;
-  while (2 * share * columns <= GPU_ITEMS && (size_t)(2 * share * columns) <= device->group_most && share < SHARE_MOST)
+  while (2 * share * columns <= items && (size_t)(2 * share * columns) <= device->group_most && share < SHARE_MOST)
     share *= 2;
   return share;
 }
@@ -81,10 +83,10 @@ static void plan_columns(struct plan *plan, const struct ern_cl_device *device, 
                          size_t n) {
   plan->tensor = tensor;
   plan->columns = most;
-  plan->share = share_for(plan->columns, device);
+  plan->share = share_for(plan->columns, device, tensor);
   while (plan->columns > 1 && is_too_large(plan, device, channels, n)) {
     plan->columns /= 2;
-    plan->share = share_for(plan->columns, device);
+    plan->share = share_for(plan->columns, device, tensor);
   }
   if (tensor && (plan->columns % FRAGMENT != 0 || plan->columns * plan->share % WARP != 0))
     plan_columns(plan, device, most, false, channels, n);

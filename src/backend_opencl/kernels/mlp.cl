@@ -108,6 +108,7 @@ typedef JOIN(float, LANES) vf;
 
 enum { PER_SAMPLE, PER_RAY, PER_BATCH };
 
+#if CPU
 /* Fills rows of a tile with the samples from `first` on of each channel of a piece; zeros from sample n on. */
 INLINE void gather(local vf *tile, global const float *x, const ulong stride, const int rows, const int per,
                    global const int *ray, const ulong first, const ulong n, const int item) {
@@ -157,6 +158,36 @@ INLINE void put_rows(global float *y, const ulong stride, local const vf *tile, 
   }
 }
 
+#else
+/* The same on a GPU. Rows are read BATCH at a time, because an item waits for what it stores. */
+#define BATCH 8
+#define EACH_OF_BATCH _Pragma("unroll") for (int b = 0; b < BATCH; b++)
+INLINE void gather(local float *tile, global const float *x, const ulong stride, const int rows, const int per,
+                   global const int *ray, const ulong first, const ulong n, const int item) {
+  const ulong sample = first + (ulong)COLUMN(item);
+  const bool there = sample < n;
+  x += per == PER_SAMPLE ? sample : per == PER_RAY && there ? (ulong)ray[sample] : 0;
+  for (int c = PART_OF(item); c < rows; c += BATCH * SHARE) {
+    float value[BATCH];
+    EACH_OF_BATCH value[b] = there ? x[(ulong)min(c + b * SHARE, rows - 1) * stride] : 0;
+    EACH_OF_BATCH if (c + b * SHARE < rows) tile[(c + b * SHARE) * LINE + COLUMN(item)] = value[b];
+  }
+}
+
+INLINE void put_rows(global float *y, const ulong stride, local const float *tile, const int rows, const bool add,
+                     const ulong first, const ulong n, const int item) {
+  const ulong sample = first + (ulong)COLUMN(item);
+  if (sample >= n) return;
+  y += sample;
+  for (int c = PART_OF(item); c < rows; c += BATCH * SHARE) {
+    float before[BATCH];
+    EACH_OF_BATCH before[b] = add ? y[(ulong)min(c + b * SHARE, rows - 1) * stride] : 0;
+    EACH_OF_BATCH if (c + b * SHARE < rows)
+      y[(ulong)(c + b * SHARE) * stride] = before[b] + tile[(c + b * SHARE) * LINE + COLUMN(item)];
+  }
+}
+#endif
+
 /* ---- products ---------------------------------------------------------------------------------------------------- */
 
 typedef enum finish {
@@ -181,26 +212,36 @@ INLINE int parts_of(const int strips, const int across) {
   return cost(strips, across, 4 * least) < cost(strips, across, two) ? 4 * least : two;
 }
 
-/* All rows of out = A in; A (r, k) at r*a_row + k*a_step. A sum of numbers that are not all finite is computed again
- * without parts. */
+/* DO(r, c, value) for the values that an item has of a strip from row `top` and column `left` on. */
+#define AT_VALUE(DO, f, i, value)                                                                            \
+  do {                                                                                                       \
+    const int r = top + SUM_ROW(item % WARP, i), c = left + 8 * (f) + SUM_COLUMN(item % WARP, i);            \
+    if (r < rows && c < columns) DO(r, c, value)                                                             \
+  } while (0);
+#define EACH_VALUE(DO, value) EACH(f, wide) EACH(i, 4) AT_VALUE(DO, f, i, value)
+/* The same where tensor cores are emulated or numbers are not finite: one by one. */
+#define ONE_BY_ONE(DO, value) \
+  _Pragma("unroll 1") for (int at = 0; at < 4 * wide; at++) AT_VALUE(DO, at / 4, at % 4, value)
+
+/* All rows of out = A in; A (r, k) at r*a_row + k*a_step. */
 INLINE void product(const finish how, local float *out, local const float *in, global const float *a, const int a_row,
                     const int a_step, const int rows, const int count, const int item) {
-  const int strips = UP(rows, 16), parts = parts_of(strips, TILE / 8), wide = UP(TILE / 8, parts);
+  const int columns = TILE, strips = UP(rows, 16), parts = parts_of(strips, TILE / 8), wide = UP(TILE / 8, parts);
   barrier(CLK_LOCAL_MEM_FENCE);
   for (int units = 0; units < strips * parts; units += WARPS) { /* all warps take part: PoCL needs uniform loops */
-    const int unit = units + item / WARP;
-    if (NVIDIA && unit >= strips * parts) break;
-    const int row = unit % strips * 16, column = unit / strips * wide * 8;
-    float sum[FRAGMENTS_MOST][4] = {{0}};
-    global_strip(sum, wide, a + row * a_row, a_row, a_step, rows - row, in + column, LINE, 1, TILE - column,
+    const int unit = units + item / WARP, top = unit % strips * 16, left = unit / strips * wide * 8;
+#define FINISH(r, c, value) out[(r) * LINE + (c)] = FINISHED(how, value, out[(r) * LINE + (c)]);
+#if NVIDIA
+    if (unit >= strips * parts) break;
+    float sum[FRAGMENTS_MOST][4];
+    global_strip(sum, wide, a + top * a_row, a_row, a_step, rows - top, in + left, LINE, 1, columns - left,
                  item % WARP, count);
-    EACH(f, wide) EACH(i, 4) {
-      const int r = row + SUM_ROW(item % WARP, i), c = column + 8 * f + SUM_COLUMN(item % WARP, i);
-      if (r < rows && c < TILE) {
-        if (isnan(sum[f][i])) sum[f][i] = dot_global_strip(false, a + r * a_row, a_step, in + c, LINE, count);
-        out[r * LINE + c] = FINISHED(how, sum[f][i], out[r * LINE + c]);
-      }
+    if (are_finite(sum, wide)) {
+      EACH_VALUE(FINISH, sum[f][i])
+      continue;
     }
+#endif
+    ONE_BY_ONE(FINISH, dot_global(a + r * a_row, a_step, in + c, LINE, count))
   }
 }
 
@@ -404,20 +445,23 @@ INLINE void add_weights(global float *dw, local const float *slope, local const 
   const int rows = turned ? ins : outs, columns = turned ? outs : ins, parts = turned ? by_ins : by_outs;
   const int strips = UP(rows, 16), wide = UP(UP(columns, 8), parts);
   for (int units = 0; units < strips * parts; units += WARPS) {
-    const int unit = units + item / WARP;
-    if (NVIDIA && unit >= strips * parts) break;
-    const int top = unit % strips * 16, left = unit / strips * wide * 8;
-    float sum[FRAGMENTS_MOST][4] = {{0}}, before[FRAGMENTS_MOST][4];
-    local_strip(sum, wide, a + top * LINE, LINE, 1, rows - top, b + left * LINE, 1, LINE, columns - left,
-                item % WARP, TILE);
-#define EACH_SUM(DO)                                                                                            \
-  EACH(f, wide) EACH(i, 4) {                                                                                    \
-    const int r = top + SUM_ROW(item % WARP, i), c = left + 8 * f + SUM_COLUMN(item % WARP, i);               \
-    if (r < rows && c < columns) DO;                                                                            \
-  }
-    EACH_SUM(before[f][i] = dw[turned ? c * row + r : r * row + c])
-    EACH_SUM(if (isnan(sum[f][i])) sum[f][i] = dot_local_strip(false, a + r * LINE, 1, b + c * LINE, 1, TILE))
-    EACH_SUM(dw[turned ? c * row + r : r * row + c] = before[f][i] + sum[f][i])
+    const int unit = units + item / WARP, top = unit % strips * 16, left = unit / strips * wide * 8;
+#define AT(r, c) (turned ? (c) * row + (r) : (r) * row + (c))
+#define LOAD_SUM(r, c, to) to = dw[AT(r, c)];
+#define STORE_SUM(r, c, value) dw[AT(r, c)] = value;
+#define ADD_SUM(r, c, value) dw[AT(r, c)] += value;
+#if NVIDIA
+    if (unit >= strips * parts) break;
+    float sum[FRAGMENTS_MOST][4], before[FRAGMENTS_MOST][4];
+    local_strip(sum, wide, a + top * LINE, LINE, 1, rows - top, b + left * LINE, 1, LINE, columns - left, item % WARP,
+                TILE);
+    if (are_finite(sum, wide)) {
+      EACH_VALUE(LOAD_SUM, before[f][i])
+      EACH_VALUE(STORE_SUM, before[f][i] + sum[f][i])
+      continue;
+    }
+#endif
+    ONE_BY_ONE(ADD_SUM, dot_local(a + r * LINE, 1, b + c * LINE, 1, TILE))
   }
 }
 
@@ -488,17 +532,18 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void mlp_bwd(GRADIENTS
   OPEN(float, sums);
   OPEN(const float, dy);
   OPEN_INPUTS
-  const int item = (int)get_local_id(0);
+  const uint number = (uint)get_local_id(0);
   global float *const own = sums + get_group_id(0) * PART;
   const ulong begin = get_group_id(0) * each * TILE, end = min(begin + each * TILE, n);
-  for (int i = item; i < PART; i += GROUP) own[i] = 0;
+  for (int i = (int)number; i < PART; i += GROUP) own[i] = 0;
 #if !CPU
   barrier(CLK_GLOBAL_MEM_FENCE);
 #endif
   for (ulong first = begin; first < end; first += TILE) {
+    const int item = item_of(number, (uint)first);
     local vf *to = values;
     EACH_PIECE(GATHER)
-#define ITEM(l) item_of(item, (uint)first + (l))
+#define ITEM(l) item_of(number, (uint)first + 1 + (l))
 #define LAYER(l, next)                                                                                               \
   product(RELU, values + V##next * LINE, values + V##l * LINE, w + A##l, C##l, 1, C##next, C##l, ITEM(l) STAGED);
     JOIN(UP_, HIDDEN)(LAYER)
@@ -514,7 +559,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void mlp_bwd(GRADIENTS
     WAIT
     to = values;
 #define SCATTER(p) \
-  if (D##p) scatter(dx##p, dx##p##_stride, own + B##p, to, R##p, P##p, first, n, item); \
+  if (D##p) scatter(dx##p, dx##p##_stride, own + B##p, to, R##p, P##p, first, n, ITEM(1)); \
   to += R##p * LINE;
     EACH_PIECE(SCATTER)
     WAIT
@@ -531,7 +576,7 @@ kernel void mlp_sum(GRADIENTS, SPAN(float, dw), SPAN(const float, sums), int par
   float sum = 0;
 #define LAYER_SUM(l, next)                                                                             \
   if (at >= 0 && at < C##next * C##l) {                                                                \
-    for (int k = 0; k < parts; k++) sum += sums[(ulong)k * PART + G##l + at / C##l * E##l + at % C##l]; \
+    _Pragma("unroll 16") for (int k = 0; k < parts; k++) sum += sums[(ulong)k * PART + G##l + at / C##l * E##l + at % C##l]; \
     dw[A##l + at] += sum;                                                                              \
   }                                                                                                    \
   at -= C##next * C##l;

@@ -43,21 +43,20 @@ INLINE int item_of(uint item, uint turn) {
 INLINE float tf32_nearest(float x) { return as_float((as_uint(x) + 0x1000u) & 0xFFFFE000u); }
 INLINE float tf32_rest_of(float x, float nearest) { return as_float(as_uint(x - nearest) & 0xFFFFE000u); }
 
-/* sum_k a[k*a_step] b[k*b_step], k < count; of floats, or of their two parts */
+/* sum_k a[k*a_step] b[k*b_step], k < count; of the parts where tensor cores are emulated, unless that is NaN. */
 #define DOT(name, space)                                                                                       \
-  INLINE float name(const bool parts, space const float *a, const int a_step, local const float *b,            \
-                    const int b_step, const int count) {                                                       \
-    float sum = 0;                                                                                             \
+  INLINE float name(space const float *a, const int a_step, local const float *b, const int b_step, const int count) {\
+    float sum = 0, of_parts = 0;                                                                               \
     _Pragma("unroll 1") for (int k = 0; k < count; k++) {                                                      \
-      const float x = a[k * a_step], y = b[k * b_step];                                                        \
-      const float high_x = parts ? tf32_nearest(x) : x, high_y = parts ? tf32_nearest(y) : y;                  \
-      if (parts) sum += high_x * tf32_rest_of(y, high_y) + tf32_rest_of(x, high_x) * high_y;                   \
-      sum += high_x * high_y;                                                                                  \
+      const float x = a[k * a_step], y = b[k * b_step], high_x = tf32_nearest(x), high_y = tf32_nearest(y);    \
+      sum += x * y;                                                                                            \
+      of_parts += high_x * tf32_rest_of(y, high_y) + tf32_rest_of(x, high_x) * high_y;                         \
+      of_parts += high_x * high_y;                                                                             \
     }                                                                                                          \
-    return sum;                                                                                                \
+    return NVIDIA || isnan(of_parts) ? sum : of_parts;                                                         \
   }
 
-/* sum[f] += A B, `fragments` of them side by side, a strip of 16 rows. A(r, k) is at r*a_row + k*a_step, B(k, c) at
+/* sum[f] = A B, `fragments` of them side by side, a strip of 16 rows. A(r, k) is at r*a_row + k*a_step, B(k, c) at
  * k*b_step + c*b_column. Rows from `rows` on and columns from `columns` on repeat the last one. */
 #define STRIP_ARGUMENTS(space)                                                                                 \
   float(*sum)[4], const int fragments, space const float *a, const int a_row, const int a_step, const int rows,\
@@ -87,6 +86,7 @@ INLINE float tf32_rest_of(float x, float nearest) { return as_float(as_uint(x - 
     }                                                                                                          \
   }                                                                                                            \
   INLINE void name(STRIP_ARGUMENTS(space), const int count) {                                                  \
+    EACH(f, FRAGMENTS_MOST) EACH(i, 4) sum[f][i] = 0;                                                          \
     const int whole = count / 8 * 8;                                                                           \
     _Pragma("unroll 2") for (int k = 0; k < whole; k += 8)                                                     \
       eight_##name(sum, fragments, a + k * a_step, a_row, a_step, rows, b + k * b_step, b_step, b_column,      \
@@ -95,20 +95,17 @@ INLINE float tf32_rest_of(float x, float nearest) { return as_float(as_uint(x - 
       eight_##name(sum, fragments, a + whole * a_step, a_row, a_step, rows, b + whole * b_step, b_step,        \
                    b_column, columns, lane, count - whole);                                                    \
   }
-#else
-#define STRIP(name, space)                                                                                     \
-  INLINE void name(STRIP_ARGUMENTS(space), const int count) {                                                  \
-    for (int at = 0; at < 4 * fragments; at++) {                                                               \
-      const int r = min(SUM_ROW(lane, at % 4), rows - 1);                                                      \
-      const int c = min(at / 4 * 8 + SUM_COLUMN(lane, at % 4), columns - 1);                                   \
-      sum[at / 4][at % 4] += dot_##name(true, a + r * a_row, a_step, b + c * b_column, b_step, count);         \
-    }                                                                                                          \
-  }
-#endif
-DOT(dot_global_strip, global)
-DOT(dot_local_strip, local)
 STRIP(global_strip, global)
 STRIP(local_strip, local)
+/* Whether all of an item's sums are numbers: 0 * x is NaN where x is none. */
+INLINE bool are_finite(float (*sum)[4], const int fragments) {
+  float zero = 0;
+  EACH(f, fragments) EACH(i, 4) zero += 0 * sum[f][i];
+  return zero == 0;
+}
+#endif
+DOT(dot_global, global)
+DOT(dot_local, local)
 #else
 #define item_of(item, turn) (item)
 #endif
