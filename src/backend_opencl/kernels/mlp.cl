@@ -166,10 +166,10 @@ INLINE void gather(local float *tile, global const float *x, const ulong stride,
                    global const int *ray, const ulong first, const ulong n, const int item) {
   const ulong sample = first + (ulong)COLUMN(item);
   const bool there = sample < n;
-  x += per == PER_SAMPLE ? sample : per == PER_RAY && there ? (ulong)ray[sample] : 0;
+  x += PART_OF(item) * stride + (per == PER_SAMPLE ? sample : per == PER_RAY && there ? (ulong)ray[sample] : 0);
   for (int c = PART_OF(item); c < rows; c += BATCH * SHARE) {
     float value[BATCH];
-    EACH_OF_BATCH value[b] = there ? x[(ulong)min(c + b * SHARE, rows - 1) * stride] : 0;
+    EACH_OF_BATCH value[b] = there && c + b * SHARE < rows ? *x : 0, x += SHARE * stride;
     EACH_OF_BATCH if (c + b * SHARE < rows) tile[(c + b * SHARE) * LINE + COLUMN(item)] = value[b];
   }
 }
@@ -177,13 +177,15 @@ INLINE void gather(local float *tile, global const float *x, const ulong stride,
 INLINE void put_rows(global float *y, const ulong stride, local const float *tile, const int rows, const bool add,
                      const ulong first, const ulong n, const int item) {
   const ulong sample = first + (ulong)COLUMN(item);
-  if (sample >= n) return;
-  y += sample;
-  for (int c = PART_OF(item); c < rows; c += BATCH * SHARE) {
+  global const float *from = y + (PART_OF(item) * stride + sample);
+  y += PART_OF(item) * stride + sample;
+  for (int c = PART_OF(item); c < rows && sample < n; c += BATCH * SHARE) {
     float before[BATCH];
-    EACH_OF_BATCH before[b] = add ? y[(ulong)min(c + b * SHARE, rows - 1) * stride] : 0;
-    EACH_OF_BATCH if (c + b * SHARE < rows)
-      y[(ulong)(c + b * SHARE) * stride] = before[b] + tile[(c + b * SHARE) * LINE + COLUMN(item)];
+    EACH_OF_BATCH before[b] = add && c + b * SHARE < rows ? *from : 0, from += SHARE * stride;
+    EACH_OF_BATCH {
+      if (c + b * SHARE < rows) *y = before[b] + tile[(c + b * SHARE) * LINE + COLUMN(item)];
+      y += SHARE * stride;
+    }
   }
 }
 #endif

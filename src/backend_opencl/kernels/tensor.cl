@@ -37,7 +37,7 @@ INLINE int item_of(uint item, uint turn) {
 
 /* ---- products of matrices as they lie in memory ------------------------------------------------------------------ */
 
-#define FRAGMENTS_MOST 12 /* that an item sums at a time: 48 registers */
+#define FRAGMENTS_MOST 6 /* that an item sums at a time: 24 registers */
 
 /* x = nearest + rest. Of a number that is not finite the rest is NaN, and so is each sum that it is in. */
 INLINE float tf32_nearest(float x) { return as_float((as_uint(x) + 0x1000u) & 0xFFFFE000u); }
