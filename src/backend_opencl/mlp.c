@@ -14,8 +14,8 @@ enum {
   SUMS_MOST = 1 << 24, /* floats of all parts' sums: 64 MiB */
   GPU_ITEMS = 128,     /* of a group: enough to hide the latency of local memory */
   TENSOR_ITEMS = 256,  /* likewise, where tensor cores compute */
-  TENSOR_GROUPS = 3, /* of those that a unit holds at a time: as many parts, so that no unit waits for the last ones */
-  TENSOR_REGISTERS = 80, /* of an item: what three groups have of 65,536 */
+  TENSOR_GROUPS = 4, /* of those that a unit holds at a time: as many parts, so that no unit waits for the last ones */
+  TENSOR_REGISTERS = 64, /* of an item: what four groups have of 65,536 */
   FEW_COLUMNS = 16,      /* of a GPU's tile, however few samples there are */
   SHARE_MOST = 8,        /* items that share a column at most: each has four rows of a block or more */
   CHUNK = 32,            /* of mlp.cl, as BLOCK */
