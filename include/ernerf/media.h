@@ -449,6 +449,10 @@ ERN_API const ern_clip_frame *ern_clip_frame_at(const ern_clip *clip, ern_split 
  * ern_clip_options.memory_bytes; others are read again each time. */
 ERN_API ERN_NODISCARD ern_status ern_clip_pixels(ern_clip *clip, ern_split split, size_t index, ern_image *truth,
                                                  ern_image *torso);
+/* *torso = the RGBA picture of torso_imgs, which the caller frees by ern_image_free (data NULL where the clip has
+ * none). Any number of threads may call this at the same time; none may read the clip's pictures by another function
+ * meanwhile. Keeps pictures in memory as ern_clip_pixels does. */
+ERN_API ERN_NODISCARD ern_status ern_clip_torso(ern_clip *clip, ern_split split, size_t index, ern_image *torso);
 /* Which pixels of a frame are the head's (blue in parsing). `head` has one channel: 255 the head, 0 none of it, 128
  * not known. A pixel is not known if the square of 2 e + 1 pixels a side around it has pixels of the head and
  * others, e = width/256, rounded, at least 1. In a frame whose parsing has no head no pixel is known. data is NULL if

@@ -257,7 +257,8 @@ typedef struct ern_frame_output {
 
 /* Plain data, may grow. */
 typedef struct ern_frame_times {
-  double audio, torso, head, output; /* milliseconds: code of the frame, torso layer, head, conversion and read-back */
+  double audio, torso, head, output; /* milliseconds: code of the frame, torso layer, head, conversion and read-back; of
+                                        an OpenCL device by its own clock, other renderers' work on it included */
   double samples; /* number of samples whose density was computed for the head. NaN: unknown, as an OpenCL device's
                      fused pass does not count them, or all rays were reused (ern_renderer_reuse_rays) */
 } ern_frame_times;

@@ -28,8 +28,9 @@ typedef struct ern_sound_reader_options {
   uint32_t cookie, size;            /* set by ern_sound_reader_options_default() */
   int rate, channels;               /* of the samples that ern_sound_reader_read returns: 1000..384000 a second, 1..8
                                        channels; default 48000, 1. An input with another rate is resampled, and one with
-                                       other channels mixed: one channel is the mean of all, or
-                                       the loudest where the mean loses most of their energy */
+                                       other channels mixed: one channel is the mean of all, of
+                                       five and more the downmix of ITU-R BS.775, or the loudest
+                                       where that loses most of their energy */
   const char *format;               /* FFmpeg's name of the input's format, such as "s16le"; read by
                                        ern_sound_reader_open alone. NULL (default): FFmpeg detects the format */
   int format_rate, format_channels; /* of an input without a header, such as "s16le", in the same ranges; default 16000,

@@ -343,8 +343,11 @@ class Context(_Object):
 
     def tensors(self, path):
         """The tensors of a .safetensors file by name, mapped into memory and read when they are used."""
+        return self._tensors(self._handle, path)
+
+    def _tensors(self, handle, path):
         checked = _c.SAY_TENSOR(lambda *_: None)
-        self._call(self._engine.ern_file_tensors, self, _path(path, "path"), checked, None)
+        self._call(self._engine.ern_file_tensors, handle, _path(path, "path"), checked, None)
         with open(path, "rb") as file:
             length = int.from_bytes(file.read(8), "little")
             if length > os.fstat(file.fileno()).st_size:  # a .pth or .npy file, which the check accepts too
@@ -425,7 +428,7 @@ class Model(_Object):
         with tempfile.TemporaryDirectory() as folder:
             path = os.path.join(folder, "model.safetensors")
             self.save(path)
-            return self._context.tensors(path)
+            return self._context._tensors(self._context._held[0][1], path)  # which may be closed, and lasts
 
 
 class Renderer(_Object):

@@ -19,6 +19,9 @@ static void stream_free(struct ern_stream *stream) {
   struct ern_cl_stream *own = ern_cl_stream_of(stream);
   struct ern_backend *table = &own->owner->table;
   if (own->queue != NULL) clFinish(own->queue);
+  ern_cl_staging_free(own);
+  for (int i = 0; i < ERN_MARKS; i++)
+    if (own->mark[i] != NULL) clReleaseEvent(own->mark[i]);
   ern_cl_portrait_free(own);
   for (size_t i = 0; i < own->kernel_count; i++) clReleaseKernel(own->kernels[i].kernel);
   ern_release(table->context, own->kernels);
@@ -39,7 +42,7 @@ static ern_status stream_make(struct ern_backend *table, int threads, struct ern
   ERN_TRY(ERN_NEW(table->context, 1, &made));
   made->base.backend = table;
   made->owner = backend;
-  made->queue = clCreateCommandQueue(backend->context, backend->device.id, 0, &code);
+  made->queue = clCreateCommandQueue(backend->context, backend->device.id, CL_QUEUE_PROFILING_ENABLE, &code);
   ERN_TRY(ern_cl_check(backend, code, "make a queue"));
   ERN_TRY(ern_arena_make(table, &made->base.arena));
   *stream = &made->base;
@@ -71,6 +74,8 @@ static void fill_table(struct ern_cl_backend *backend, bool deterministic) {
   table->stream_make = stream_make;
   table->stream_free = stream_free;
   table->free = backend_free;
+  table->mark = ern_cl_mark;
+  table->marks_read = ern_cl_marks_read;
   ern_cl_fill_memory(table);
 #define ERN_SLOT_FILL(name) table->name = ern_cl_##name;
   ERN_SLOTS(ERN_SLOT_FILL)

@@ -25,7 +25,8 @@ struct ern_backend {
   void (*stream_free)(struct ern_stream *); /* accepts NULL */
   void (*free)(struct ern_backend *);
 
-  /* Between the host and the device; they block. Reals are converted. `count` elements at the start of the span. */
+  /* Between the host and the device. An upload has read `from` when it returns, a download has written `to`. Reals are
+   * converted. `count` elements at the start of the span. */
   ern_status (*upload_reals)(struct ern_stream *, ern_span to, const float *from, size_t count);
   ern_status (*download_reals)(struct ern_stream *, float *to, ern_span from, size_t count);
   ern_status (*upload_int32)(struct ern_stream *, ern_span to, const int32_t *from, size_t count);
@@ -37,11 +38,17 @@ struct ern_backend {
   /* The losses' results on the host (`term`, `terms`) are valid only after this: a device reads all of them back at
    * once. Their args must live until then, synchronized or not. */
   ern_status (*synchronize)(struct ern_stream *);
+  /* mark: notes the time at which the work begun so far is done, as number `index`. marks_read: ms[count] = those times
+   * by one clock, where the backend has a better one than the host's; else ms is left as it is. */
+  ern_status (*mark)(struct ern_stream *, int index);
+  ern_status (*marks_read)(struct ern_stream *, double *ms, int count);
 
 #define ERN_SLOT_MEMBER(name) ern_status (*name)(struct ern_stream *, struct ern_##name##_args *);
   ERN_SLOTS(ERN_SLOT_MEMBER)
 #undef ERN_SLOT_MEMBER
 };
+
+enum { ERN_MARKS = 5 };
 
 /* Every backend's stream begins with this. */
 struct ern_stream {

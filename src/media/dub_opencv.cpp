@@ -48,8 +48,10 @@ struct face {
   float width;
 };
 
-/* The region eroded by a disc; its radius is rounded, at least 1 pixel, and the picture's border is no outside. */
-cv::Mat eroded(const cv::Mat &depth, float radius) { return depth > std::max(1.0F, std::round(radius)) + 0.5F; }
+float whole_radius(float radius) { return std::max(1.0F, std::round(radius)); }
+
+/* The region eroded by a disc of a whole radius; the picture's border is no outside. */
+cv::Mat eroded(const cv::Mat &depth, float radius) { return depth > whole_radius(radius) + 0.5F; }
 
 /* Pixels from the nearest one outside of the region. */
 cv::Mat depth_of(const cv::Mat &region) {
@@ -251,12 +253,13 @@ void blend(layers &l, float width) {
   }
 }
 
-/* 255 where the head's colours are used: in the mask, and around it, where it decides which colours are certain. Two
- * pixels more are for interpolation and for rounding in the smaller mask. */
+/* 255 where the head's colours are used: in the mask, and around it, where it decides which colours are certain. The
+ * further pixels are 2 for cubic interpolation, 1 as the mask of fewer pixels may be smaller, and half of one for the
+ * border of a pixel. */
 cv::Mat wanted_of(const ern_dub_input &in) {
   const face f = face_of(in, true);
   const cv::Mat mask = mask_of(f, head_recorded(in, f));
-  return depth_of(mask == 0) <= certain_depth * f.width + 2;
+  return depth_of(mask == 0) <= whole_radius(certain_depth * f.width) + 3.5F;
 }
 
 bool compose(const ern_dub_input &in, uint8_t *rgba) {

@@ -205,6 +205,19 @@ static bool is_cut_video(const struct ern_decoder *decoder) {
   return pictures && io != NULL && io->eof_reached && io->buf_ptr == io->buf_end && io->error >= 0;
 }
 
+/* In an MPEG transport stream FFmpeg calls each packet damaged that does not continue the one before, as where packets
+ * were lost on their way or files were joined: players go on there. */
+static ern_status check_packet(struct ern_decoder *decoder) {
+  const char *format = decoder->container->iformat->name;
+  if ((decoder->packet->flags & AV_PKT_FLAG_CORRUPT) == 0) return ERN_OK;
+  if (strcmp(format, "mpegts") != 0) return ern_truncation_check_packet(decoder->context, decoder->path, format);
+  if (!decoder->told_lost)
+    ern_log(decoder->context, ERN_LOG_WARNING,
+            "%s: has lost or damaged packets, or is several files in one; what is there is taken", decoder->path);
+  decoder->told_lost = true;
+  return ERN_OK;
+}
+
 /* Sends the codec the next packet of the stream, or the end of the stream (NULL). */
 static ern_status feed(struct ern_decoder *decoder) {
   ern_context *context = decoder->context;
@@ -224,10 +237,7 @@ static ern_status feed(struct ern_decoder *decoder) {
     }
     if (error < 0) return ern_av_fail(context, ERN_E_FORMAT, decoder->path, "read on", error);
     if (packet->stream_index == decoder->stream->index) {
-      const ern_status cut =
-          (packet->flags & AV_PKT_FLAG_CORRUPT) != 0
-              ? ern_truncation_check_packet(context, decoder->path, decoder->container->iformat->name)
-              : ERN_OK;
+      const ern_status cut = check_packet(decoder);
       error = cut != ERN_OK ? 0 : avcodec_send_packet(decoder->codec, packet);
       av_packet_unref(packet);
       if (cut != ERN_OK) return cut;

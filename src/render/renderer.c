@@ -373,29 +373,44 @@ fail:
   return status;
 }
 
+/* at[number] = now; read_times has it later, where the work that was begun is done later. */
+static ern_status end_stage(ern_renderer *r, bool timed, double at[ERN_MARKS], int number) {
+  at[number] = milliseconds();
+  return timed ? r->backend->mark(r->stream, number) : ERN_OK;
+}
+
+static ern_status read_times(ern_renderer *r, double at[ERN_MARKS], ern_frame_times *times) {
+  const uint64_t *count = r->profile.count;
+  const double samples = count[ERN_PROFILE_PIXELS] > 0 ? (double)count[ERN_PROFILE_SAMPLES] : NAN;
+  const ern_status status = r->backend->marks_read(r->stream, at, ERN_MARKS);
+  *times = (ern_frame_times){at[1] - at[0], at[2] - at[1], at[3] - at[2], at[4] - at[3], samples};
+  return status;
+}
+
+/* times may be NULL. */
 static ern_status draw_frame(ern_renderer *renderer, const ern_frame_input *input, const ern_frame_output *output,
                              ern_frame_times *times) {
   const struct ern_arena_mark mark = ern_arena_mark(renderer->stream);
-  double at[5] = {milliseconds()};
+  const bool timed = times != NULL;
+  double at[ERN_MARKS];
   struct frame *frame = &renderer->frame;
   ern_status status = ERN_OK;
   ERN_TRY(ern_frame_input_check(renderer->context, &renderer->field, input));
+  ERN_TRY(end_stage(renderer, timed, at, 0));
   choose_codes(renderer, input->individual);
   ERN_TRY(size_frame(renderer, (size_t)input->camera.width * (size_t)input->camera.height));
   ERN_TRY(take_wanted(renderer, output));
   ERN_TRY(ern_renderer_encode_audio(renderer, input));
-  at[1] = milliseconds();
+  ERN_TRY(end_stage(renderer, timed, at, 1));
   ERN_TRY(ern_renderer_background_layers(renderer, input));
-  at[2] = milliseconds();
+  ERN_TRY(end_stage(renderer, timed, at, 2));
   renderer->profile = (struct ern_profile){.timed = false};
   ERN_TRY(ern_renderer_head(renderer, input));
-  at[3] = milliseconds();
+  ERN_TRY(end_stage(renderer, timed, at, 3));
   ERN_TRY(check_outputs(renderer, frame));
   ERN_TRY(read_back(renderer, frame, output, input->background != NULL));
-  at[4] = milliseconds();
-  const uint64_t *count = renderer->profile.count;
-  const double samples = count[ERN_PROFILE_PIXELS] > 0 ? (double)count[ERN_PROFILE_SAMPLES] : NAN;
-  *times = (ern_frame_times){at[1] - at[0], at[2] - at[1], at[3] - at[2], at[4] - at[3], samples};
+  ERN_TRY(end_stage(renderer, timed, at, 4));
+  if (timed) status = read_times(renderer, at, times);
 fail:
   ern_arena_release(renderer->stream, mark);
   return status;
@@ -414,7 +429,7 @@ ern_status ern_renderer_frame_sized(ern_renderer *renderer, const ern_frame_inpu
   ern_status status = ERN_OK;
   ERN_TRY(ERN_COPY_IN(renderer->context, ern_frame_input, &in, input, input_bytes));
   ERN_TRY(ERN_COPY_IN(renderer->context, ern_frame_output, &out, output, output_bytes));
-  ERN_TRY(draw_frame(renderer, &in, &out, &took));
+  ERN_TRY(draw_frame(renderer, &in, &out, times != NULL ? &took : NULL));
   ern_struct_copy_out(times, times_bytes, &took, sizeof took);
 fail:
   return status;

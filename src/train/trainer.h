@@ -127,10 +127,13 @@ struct ern_trainer {
   float *host_rows;      /* [9][ern_scratch_stride(rays)]: truth, background, face, jitter, rigid */
   struct {
     struct ern_batch batch;
-    uint64_t step;         /* 0: none */
-  } drawn;                 /* the batch that host_pixels and host_rows already hold */
-  float *host_windows;     /* [8][window_length][width] */
-  float *speech_deviation; /* [width]: standard deviations of the features; NULL without noise */
+    uint64_t step; /* 0: none */
+    bool uploaded; /* the batch's spans are those of pixels[place] and reals[place] */
+    int place;
+    struct ern_buffer *pixels[2], *reals[2]; /* of two steps in turn; NULL: not needed yet */
+  } drawn;                                   /* the batch that host_pixels and host_rows already hold */
+  float *host_windows;                       /* [8][window_length][width] */
+  float *speech_deviation;                   /* [width]: standard deviations of the features; NULL without noise */
 };
 
 static inline struct ern_march_settings ern_trainer_march(const ern_trainer *t) {
@@ -221,7 +224,7 @@ ERN_NODISCARD ern_status ern_trainer_sum(ern_trainer *t, float *values, size_t c
 /* trainer_batch.c */
 /* Batch k of ern_trainer_step_batches. */
 ERN_NODISCARD ern_status ern_trainer_batch(ern_trainer *t, size_t k, struct ern_batch *batch);
-/* Draws the batch of the step after this one on the host, for a backend that is still computing this one
+/* Draws the batch of the step after this one on the host and uploads it, for a backend that is still computing this one
  * (ern_head_step_args.meanwhile). Does nothing for a step of several batches or of patches. */
 void ern_trainer_draw_ahead(void *trainer);
 /* Frame k of ern_trainer_step_frames. */

@@ -282,23 +282,46 @@ static void draw_patches(struct draw *draw, size_t first, size_t count) {
   ern_pool_run(draw->t->pool, ERN_SHARDS, fill_patches_task, draw);
 }
 
+static int uploaded_rows(const ern_trainer *t) { return t->poses != NULL ? HOST_ROWS : HOST_ROWS - 1; }
+
 /* All rows in one transfer: an H100 waits about 20 us for each. */
-static ern_status upload(ern_trainer *t, struct ern_batch *batch) {
+static ern_status upload(ern_trainer *t, struct ern_batch *batch, ern_span pixel_number, ern_rows rows) {
   const size_t rays = batch->rays;
-  const bool rigid = ern_trainer_poses_due(t);
-  const int count = rigid ? HOST_ROWS : HOST_ROWS - 1;
-  struct ern_backend *backend = t->backend;
   ern_status status = ERN_OK;
-  ern_rows rows;
-  ERN_TRY(ern_scratch_take(t->stream, ERN_ELEMENT_INT32, rays, &batch->pixel_number));
-  ERN_TRY(ern_scratch_take_rows(t->stream, count, rays, &rows));
-  ERN_TRY(backend->upload_int32(t->stream, batch->pixel_number, t->host_pixels, rays));
-  ERN_TRY(backend->upload_reals(t->stream, rows.span, t->host_rows, rows.span.count));
+  ERN_TRY(t->backend->upload_int32(t->stream, pixel_number, t->host_pixels, rays));
+  ERN_TRY(t->backend->upload_reals(t->stream, rows.span, t->host_rows, rows.span.count));
+  batch->pixel_number = pixel_number;
   batch->truth = ern_rows_part(rows, 0, 3);
   batch->background = ern_rows_part(rows, 3, 3);
   batch->face = ern_span_of_row(rows, 6, rays);
   batch->jitter = ern_span_of_row(rows, 7, rays);
-  if (rigid) batch->rigid = ern_span_of_row(rows, 8, rays);
+  if (t->poses != NULL) batch->rigid = ern_span_of_row(rows, 8, rays);
+fail:
+  return status;
+}
+
+static ern_status upload_now(ern_trainer *t, struct ern_batch *batch) {
+  ern_span pixel_number;
+  ern_rows rows;
+  ern_status status = ERN_OK;
+  ERN_TRY(ern_scratch_take(t->stream, ERN_ELEMENT_INT32, batch->rays, &pixel_number));
+  ERN_TRY(ern_scratch_take_rows(t->stream, uploaded_rows(t), batch->rays, &rows));
+  status = upload(t, batch, pixel_number, rows);
+fail:
+  return status;
+}
+
+/* To memory that the step under way does not use: a device may have to repeat that step. */
+static ern_status upload_ahead(ern_trainer *t, struct ern_batch *batch) {
+  const size_t stride = ern_scratch_stride(batch->rays), values = (size_t)uploaded_rows(t) * stride;
+  struct ern_backend *backend = t->backend;
+  ern_status status = ERN_OK;
+  t->drawn.place = 1 - t->drawn.place;
+  struct ern_buffer **pixels = &t->drawn.pixels[t->drawn.place], **reals = &t->drawn.reals[t->drawn.place];
+  if (*pixels == NULL) ERN_TRY(backend->buffer_make(backend, ERN_ELEMENT_INT32, batch->rays, pixels));
+  if (*reals == NULL) ERN_TRY(backend->buffer_make(backend, ERN_ELEMENT_REAL, values, reals));
+  const ern_rows rows = {{*reals, 0, values}, stride, uploaded_rows(t), ERN_PER_SAMPLE};
+  status = upload(t, batch, (ern_span){*pixels, 0, batch->rays}, rows);
 fail:
   return status;
 }
@@ -362,6 +385,7 @@ void ern_trainer_draw_ahead(void *trainer) {
   if (!is_simple(t) || t->drawn.step == t->step + 1 || t->step + 1 >= t->config.iters) return;
   ern_error_keep(t->context, before);
   t->drawn.step = draw_batch(t, t->step + 1, 0, &t->drawn.batch) == ERN_OK ? t->step + 1 : 0;
+  t->drawn.uploaded = t->drawn.step > 0 && upload_ahead(t, &t->drawn.batch) == ERN_OK;
   ern_error_restore(t->context, before); /* that step will fail again, and report it */
 }
 
@@ -373,7 +397,8 @@ ern_status ern_trainer_batch(ern_trainer *t, size_t k, struct ern_batch *batch) 
   else
     ERN_TRY(draw_batch(t, t->step, k, batch));
   t->drawn.step = 0;
-  ERN_TRY(upload(t, batch));
+  if (!drawn || !t->drawn.uploaded) ERN_TRY(upload_now(t, batch));
+  if (!ern_trainer_poses_due(t)) batch->rigid = (ern_span){0};
   if (!t->config.torso) ERN_TRY(ern_trainer_upload_windows(t, batch->frame, batch->of_step, &batch->windows));
 fail:
   return status;

@@ -572,6 +572,10 @@ void ern_trainer_free(ern_trainer **trainer) {
   t->backend->buffer_free(t->backend, t->bits_buffer);
   t->backend->buffer_free(t->backend, t->patch_filter);
   t->backend->buffer_free(t->backend, t->cells_buffer);
+  for (int i = 0; i < 2; i++) {
+    t->backend->buffer_free(t->backend, t->drawn.pixels[i]);
+    t->backend->buffer_free(t->backend, t->drawn.reals[i]);
+  }
   t->backend->stream_free(t->stream);
   ern_pool_free(t->pool);
   ern_trainer_poses_free(t);

@@ -365,6 +365,13 @@ CHECK(ern_clip_pixels) {
   REFUSED(w.context, "of split 0", ern_clip_pixels(w.clip, ERN_SPLIT_TRAIN, SIZE_MAX, &truth, &torso));
   support_ok(w.context, ern_clip_pixels(w.clip, ERN_SPLIT_TRAIN, 0, NULL, NULL));
 }
+CHECK(ern_clip_torso) {
+  ern_image torso = picture();
+  REFUSED_ALONE(ern_clip_torso(NULL, ERN_SPLIT_TRAIN, 0, &torso));
+  assert_null(torso.data);
+  REFUSED(w.context, "frame 0 of split 9", ern_clip_torso(w.clip, (ern_split)9, 0, &torso));
+  REFUSED(w.context, "torso", ern_clip_torso(w.clip, ERN_SPLIT_TRAIN, 0, NULL));
+}
 CHECK(ern_clip_head) {
   ern_image head = picture();
   REFUSED_ALONE(ern_clip_head(NULL, ERN_SPLIT_TRAIN, 0, &head));
@@ -500,6 +507,7 @@ static const struct arguments_check table[] = {ROW(ern_provenance_default),
                                                ROW(ern_clip_background),
                                                ROW(ern_clip_frame_at),
                                                ROW(ern_clip_pixels),
+                                               ROW(ern_clip_torso),
                                                ROW(ern_clip_head),
                                                ROW(ern_clip_dataset),
                                                ROW(ern_clip_measure),

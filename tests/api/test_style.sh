@@ -54,6 +54,11 @@ fault 'a script that sorts, compares or writes numbers by the locale, without "e
   git ls-files tools examples 2>/dev/null | while read -r file; do
     ! head -n 1 "$file" | grep -q '^#!.*sh' || grep -qx 'export LC_ALL=C' "$file" || echo "$file"
   done)
+# With it cd may change to a folder of that name elsewhere, where a script would then write.
+fault 'a script that calls cd, without "unset CDPATH"' < <(
+  git ls-files tools examples 2>/dev/null | while read -r file; do
+    ! head -n 1 "$file" | grep -q '^#!.*sh' || ! grep -q '\bcd ["$]' "$file" || grep -q '^unset CDPATH' "$file" || echo "$file"
+  done)
 
 version() { grep -oE "$2" "$1" | grep -oE '[0-9]+(\.[0-9]+)*' | tail -n 1; }
 header=include/ernerf/base.h

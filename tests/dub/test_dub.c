@@ -166,6 +166,39 @@ static void test_wanted(void **state) {
   }
 }
 
+/* Pixels of the head from a point in it to the nearest one that is not wanted. */
+static double to_unwanted(const ern_dub_input *in, double x, double y) {
+  double nearest = HUGE_VAL;
+  for (int i = 0; i < in->head_width * in->head_height; i++)
+    if (wanted[i] == 0) nearest = fmin(nearest, hypot(i % in->head_width - x, i / in->head_width - y));
+  return nearest;
+}
+
+/* Each colour that the frame shows is rendered, and not continued from beside it, also in a head of a quarter of the
+ * pixels: of the 2 pixels on each side that cubic interpolation takes, all but the farthest are more than 1.5 from what
+ * is not wanted, so they are certain. */
+static void test_wanted_of_a_small_head(void **state) {
+  (void)state;
+  const double scale = 0.25;
+  for (int n = 0; n < 8; n++) {
+    bool drawn = false;
+    ern_dub_input in = face_at(80 + 0.4F * (float)n, 80 + 0.3F * (float)n, FACE - (float)n);
+    paint((const uint8_t[3]){40, 20, 20}, 255);
+    find_box(&in);
+    in.head_scale[0] = in.head_scale[1] = (float)scale;
+    in.head_width = (int)ceil(in.box[2] * scale);
+    in.head_height = (int)ceil(in.box[3] * scale);
+    support_ok(context, ern_dub_wanted(context, &in, wanted));
+    support_ok(context, ern_dub_frame(context, &in, out, &drawn));
+    assert_true(drawn);
+    for (int i = 0; i < in.box[2] * in.box[3]; i++) {
+      const int x = i % in.box[2], y = i / in.box[2];
+      if (difference((size_t)(in.box[1] + y) * WIDTH + (size_t)(in.box[0] + x)) == 0) continue;
+      assert_true(to_unwanted(&in, (x + 0.5) * scale - 0.5, (y + 0.5) * scale - 0.5) >= 3);
+    }
+  }
+}
+
 /* Of the frame only the box is handed over: the same pixels. */
 static void test_part(void **state) {
   (void)state;
@@ -309,10 +342,16 @@ static int close_context(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_drawn),         cmocka_unit_test(test_nose),
-                                     cmocka_unit_test(test_matched),       cmocka_unit_test(test_scaled),
-                                     cmocka_unit_test(test_part),          cmocka_unit_test(test_wanted),
-                                     cmocka_unit_test(test_recorded_head), cmocka_unit_test(test_left_as_recorded),
-                                     cmocka_unit_test(test_any_landmarks), cmocka_unit_test(test_refused)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_drawn),
+                                     cmocka_unit_test(test_nose),
+                                     cmocka_unit_test(test_matched),
+                                     cmocka_unit_test(test_scaled),
+                                     cmocka_unit_test(test_part),
+                                     cmocka_unit_test(test_wanted),
+                                     cmocka_unit_test(test_wanted_of_a_small_head),
+                                     cmocka_unit_test(test_recorded_head),
+                                     cmocka_unit_test(test_left_as_recorded),
+                                     cmocka_unit_test(test_any_landmarks),
+                                     cmocka_unit_test(test_refused)};
   return cmocka_run_group_tests(tests, open_context, close_context);
 }

@@ -53,6 +53,11 @@ refused 1 $status "noise.bin"
 [ ! -e noise.mp4 ] || fail "noise.mp4 was left"
 status=0; live --audio gone.wav -o gone.mp4 2> err.txt || status=$?
 refused 1 $status "gone.wav"
+# a pipe that ends without a sample, after which the person only rests, and one that is silent up to the end
+status=0; live --audio - --audio-format s16le -o - --format raw < /dev/null > rest.rgba 2> err.txt || status=$?
+refused 1 $status "ended without a sample of sound"
+status=0; live --audio - --audio-format s16le -o rest.mkv --duration 0.1 2> err.txt < <(sleep 60) || status=$?
+refused 0 $status "no sound came"
 
 if [ -n "${ERNERF_TEST_LONG-}" ]; then
   # readers: one who leaves, one who stalls, a full disk

@@ -56,6 +56,12 @@ echo mine > u.json
 if "$source/tools/paper-table" all -o u.md > /dev/null 2> err.txt; then fail "u.json was replaced"; fi
 [ "$(cat u.json)" = mine ] && [ ! -e u.md ] || fail "u.json is not as it was"
 if "$source/tools/paper-table" all/torn -o v.md > /dev/null 2>&1 || [ -e v.md ]; then fail "a table of nothing was written"; fi
+# a folder that is not there is said before the work, and a name with a dash is a name
+echo '#!/bin/sh' > idle && echo 'touch begun' >> idle && chmod +x idle
+if ERNERF=$PWD/idle "$source/tools/paper-table" one -o none/x.md > /dev/null 2> err.txt; then fail "a folder that is not there was taken"; fi
+grep -q 'none: is no folder' err.txt && [ ! -e begun ] || fail "the work began before the folder was looked for: $(cat err.txt)"
+ERNERF=$PWD/stub "$source/tools/paper-table" one -o -d.md > /dev/null 2>&1 || fail "a name with a dash was not written"
+[ -e ./-d.md ] && [ -e ./-d.json ] || fail "no ./-d.md: $(ls)"
 echo mine > w.md.new
 ERNERF=$PWD/stub "$source/tools/paper-table" one -o w.md > /dev/null 2>&1
 [ "$(cat w.md.new)" = mine ] && [ -e w.md ] || fail "a file beside the table is not as it was"

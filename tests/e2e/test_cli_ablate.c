@@ -112,13 +112,14 @@ static void test_resume_long(void **state) {
   assert_int_equal(access("again/trihash-channel-s1.safetensors", R_OK), 0);
 }
 
+static const char ablate_row[] = "ablate %s -o %s --iters 2 --rays 32 --frames 0:1 --repeats 3 --only %s --quiet %s";
+
 /* --resume replaces tables only where they are those of these rows. */
 static void test_resume_keeps_tables(void **state) {
   (void)state;
-  static const char words[] = "ablate %s -o %s --iters 2 --rays 32 --frames 0:1 --repeats 3 --only %s --quiet %s";
-  cli_run(&cli, words, clip, "rows", "trihash-channel", "");
+  cli_run(&cli, ablate_row, clip, "rows", "trihash-channel", "");
   cli_expect(&cli, 0, NULL);
-  cli_run(&cli, words, clip, "rows", "hash3d-channel", "--resume");
+  cli_run(&cli, ablate_row, clip, "rows", "hash3d-channel", "--resume");
   cli_expect(&cli, 1, "rows/ablation.json", "holds the row trihash-channel", "--overwrite", NULL);
   static const struct {
     const char *more, *words;
@@ -133,21 +134,26 @@ static void test_resume_keeps_tables(void **state) {
             strstr(others[i].more, "frames") == NULL ? "--frames 0:1 " : "", others[i].more);
     cli_expect(&cli, 1, others[i].words, NULL);
   }
-  cli_run(&cli, words, clip, "rows", "hash3d-channel,trihash-channel", "--resume");
+}
+
+/* Nor where the folder holds other files, or a link in a table's place. */
+static void test_resume_keeps_other_files_long(void **state) {
+  (void)state;
+  cli_run(&cli, ablate_row, clip, "rows", "hash3d-channel,trihash-channel", "--resume");
   cli_expect(&cli, 0, NULL);
   assert_int_equal(mkdir("notes", 0777), 0);
   support_write_text("notes/ablation.md", "mine");
-  cli_run(&cli, words, clip, "notes", "trihash-channel", "--resume");
+  cli_run(&cli, ablate_row, clip, "notes", "trihash-channel", "--resume");
   cli_expect(&cli, 1, "notes: ", "no tables of an earlier ablation", "--overwrite", NULL);
-  cli_run(&cli, words, clip, "notes", "trihash-channel", "--resume --overwrite");
+  cli_run(&cli, ablate_row, clip, "notes", "trihash-channel", "--resume --overwrite");
   cli_expect(&cli, 0, NULL);
   /* a table that leads elsewhere, and a report into a row's state */
   assert_int_equal(system("rm rows/ablation.md && printf mine > mine.md && ln -s ../mine.md rows/ablation.md"), 0);
-  cli_run(&cli, words, clip, "rows", "hash3d-channel,trihash-channel", "--resume");
+  cli_run(&cli, ablate_row, clip, "rows", "hash3d-channel,trihash-channel", "--resume");
   cli_expect(&cli, 1, "rows/ablation.md", "no regular file", NULL);
   assert_int_equal(system("printf mine | cmp - mine.md"), 0);
   assert_int_equal(symlink("rows/trihash-channel.run/state.safetensors", "link.json"), 0);
-  cli_run(&cli, words, clip, "rows", "trihash-channel", "--json link.json -y");
+  cli_run(&cli, ablate_row, clip, "rows", "trihash-channel", "--json link.json -y");
   cli_expect(&cli, 1, "link.json", "is in rows", NULL);
 }
 
@@ -175,6 +181,8 @@ static void test_refusals(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_tables_long), cmocka_unit_test(test_resume_long),
-                                     cmocka_unit_test(test_resume_keeps_tables), cmocka_unit_test(test_refusals)};
+                                     cmocka_unit_test(test_resume_keeps_tables),
+                                     cmocka_unit_test(test_resume_keeps_other_files_long),
+                                     cmocka_unit_test(test_refusals)};
   return cmocka_run_group_tests(tests, make_clip, NULL);
 }

@@ -99,7 +99,7 @@ static void test_rotate(void **state) {
 }
 
 /* A part of a video is that part of the whole, also where a frame depends on those before it. */
-static void test_smooth_lips(void **state) {
+static void test_smooth_lips_long(void **state) {
   (void)state;
   uint8_t *all = raw("--smooth_lips", FRAMES), *part = raw("--smooth_lips --frames 6:9", 3);
   assert_memory_equal(part, all + 6 * PIXEL_BYTES, 3 * PIXEL_BYTES);
@@ -182,7 +182,7 @@ static void test_refused(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_eye_curve),     cmocka_unit_test(test_hold),
-                                     cmocka_unit_test(test_rotate),        cmocka_unit_test(test_smooth_lips),
+                                     cmocka_unit_test(test_rotate),        cmocka_unit_test(test_smooth_lips_long),
                                      cmocka_unit_test(test_window_length), cmocka_unit_test(test_refused)};
   return cmocka_run_group_tests(tests, make_model, NULL);
 }

@@ -108,7 +108,7 @@ static void test_known_distances(void **state) {
 }
 
 /* The mean of blue over five squares, against silence. */
-static void test_what_is_seen(void **state) {
+static void test_what_is_seen_long(void **state) {
   (void)state;
   if (!ERN_VISION) skip();
   double blue = 0;
@@ -311,7 +311,7 @@ static void test_refused(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_known_distances),
-                                     cmocka_unit_test(test_what_is_seen),
+                                     cmocka_unit_test(test_what_is_seen_long),
                                      cmocka_unit_test(test_setting_names_long),
                                      cmocka_unit_test(test_synchronization),
                                      cmocka_unit_test(test_other_speech_is_heard_long),

@@ -92,7 +92,7 @@ static void test_nothing_is_distorted_long(void **state) {
 }
 
 /* What a still picture keeps is of the same rays. */
-static void test_still_edges(void **state) {
+static void test_still_edges_long(void **state) {
   (void)state;
   static const char *const words[] = {"--reuse-rays 0", "--no-reuse-rays"};
   size_t count[2];
@@ -195,7 +195,7 @@ static void test_boxes(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_nothing_is_distorted_long),
-                                     cmocka_unit_test(test_still_edges),
+                                     cmocka_unit_test(test_still_edges_long),
                                      cmocka_unit_test(test_background_is_not_stretched),
                                      cmocka_unit_test(test_background_that_is_cut_before_it_is_scaled),
                                      cmocka_unit_test(test_clear_background),

@@ -228,6 +228,11 @@ static void test_refused(void **state) {
   assert_int_equal(rename("aside.json", "parts/003.mp4.provenance.json"), 0);
   cli_run(&cli, "join parts -o parts/003.mp4 --overwrite");
   cli_expect(&cli, 1, "is an input", NULL);
+  cli_run(&cli, "join parts -o refused.mp4 --json parts/003.mp4.provenance.json --overwrite");
+  cli_expect(&cli, 1, "parts/003.mp4.provenance.json: is in parts and is an input", NULL);
+  cli_run(&cli, "join parts -o refused.webm");
+  cli_expect(&cli, 2, "refused.webm", "expected a name that ends in .mp4", NULL);
+  assert_int_not_equal(access("refused.mp4", F_OK), 0);
 }
 
 int main(void) {

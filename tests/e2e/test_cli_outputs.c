@@ -281,6 +281,31 @@ static void test_links_to_inputs(void **state) {
   assert_int_equal(unlink("clip/aud_cep.npy"), 0);
 }
 
+/* Nor are the parts of a clip that is not read, except its features by `features`. */
+static void test_parts_of_a_clip(void **state) {
+  (void)state;
+  static const char *const lines[] = {"info m.safetensors --json clip/transforms_val.json",
+                                      "features s.wav -o s.npy --json clip/transforms_train.json",
+                                      "features s.wav -o link.npy"};
+  size_t sound_bytes = 0;
+  uint8_t *sound = cli_bytes("clip/aud.wav", &sound_bytes);
+  support_write("s.wav", sound, sound_bytes);
+  free(sound);
+  assert_int_equal(symlink("clip/gt_imgs/0.jpg", "link.npy"), 0);
+  for (size_t i = 0; i < sizeof lines / sizeof *lines; i++) {
+    cli_run(&cli, "%s --quiet -y", lines[i]);
+    cli_expect(&cli, 1, "is a part of the clip", "expected another name", NULL);
+  }
+  assert_false(cli_there("s.npy"));
+  cli_run(&cli, "check clip --quiet");
+  cli_expect(&cli, 0, NULL);
+  for (int i = 0; i < 2; i++) {
+    cli_run(&cli, "features s.wav -o clip/aud_cep.npy --quiet -y");
+    cli_expect(&cli, 0, NULL);
+  }
+  assert_int_equal(unlink("clip/aud_cep.npy"), 0);
+}
+
 /* Two outputs of one call are two files, wherever their names lead. */
 static void test_same_output(void **state) {
   (void)state;
@@ -385,8 +410,8 @@ int main(void) {
       cmocka_unit_test(test_refused),         cmocka_unit_test(test_overwritten),
       cmocka_unit_test(test_training),        cmocka_unit_test(test_validation_of_the_average_long),
       cmocka_unit_test(test_run_folder_long), cmocka_unit_test(test_links),
-      cmocka_unit_test(test_links_to_inputs), cmocka_unit_test(test_same_output),
-      cmocka_unit_test(test_devices),         cmocka_unit_test(test_odd_names),
-      cmocka_unit_test(test_two_renders_long)};
+      cmocka_unit_test(test_links_to_inputs), cmocka_unit_test(test_parts_of_a_clip),
+      cmocka_unit_test(test_same_output),     cmocka_unit_test(test_devices),
+      cmocka_unit_test(test_odd_names),       cmocka_unit_test(test_two_renders_long)};
   return cmocka_run_group_tests(tests, make_files, NULL);
 }

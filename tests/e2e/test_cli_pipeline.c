@@ -1,8 +1,10 @@
 /* SPDX-License-Identifier: MIT
  * Rendering reads, draws and writes in threads of their own: frames in order, the same bytes however they are made, an
  * error on either side in words, and little memory. */
+#define _GNU_SOURCE /* sched_setaffinity */
 #include "cli.h"
 
+#include <sched.h>
 #include <time.h>
 
 #include "ernerf/media.h"
@@ -40,7 +42,7 @@ static uint8_t *raw(const char *words, size_t bytes) {
 
 /* ---- bytes ------------------------------------------------------------------------------------------------------- */
 
-static void test_order(void **state) {
+static void test_order_long(void **state) {
   (void)state;
   static const char *const models[] = {"head", "torso"};
   char words[256];
@@ -64,6 +66,22 @@ static void test_order(void **state) {
     }
     free(all);
   }
+}
+
+/* On a device two renderers draw every other frame each. A frame alone is drawn by one. */
+static void test_two_at_a_time(void **state) {
+  (void)state;
+  char words[256];
+  cli_run(&cli, "info devices");
+  if (strstr(cli.out, "opencl") == NULL) skip();
+  uint8_t *all = raw("head.safetensors --clip clip --backend opencl", FRAMES * PIXEL_BYTES);
+  for (size_t k = 4; k < 6; k++) {
+    snprintf(words, sizeof words, "head.safetensors --clip clip --backend opencl --frames %zu:%zu", k, k + 1);
+    uint8_t *one = raw(words, PIXEL_BYTES);
+    assert_memory_equal(all + k * PIXEL_BYTES, one, PIXEL_BYTES);
+    free(one);
+  }
+  free(all);
 }
 
 /* Pictures that must be scaled, from memory or not, on the way forward and back. */
@@ -102,10 +120,16 @@ static void test_numbered_long(void **state) {
   ern_context_free(&context);
 }
 
-/* The video too: one thread encodes, in order. */
+/* The video too: one thread encodes, in order. On one core one thread reads torso pictures, on more several do. */
 static void test_video(void **state) {
   (void)state;
+  cpu_set_t all, one;
+  assert_int_equal(sched_getaffinity(0, sizeof all, &all), 0);
+  CPU_ZERO(&one);
+  for (size_t i = 0; i < CPU_SETSIZE && CPU_COUNT(&one) == 0; i++)
+    if (CPU_ISSET(i, &all)) CPU_SET(i, &one);
   for (int threads = 1; threads <= 2; threads++) {
+    assert_int_equal(sched_setaffinity(0, sizeof one, threads == 1 ? &one : &all), 0);
     cli_run(&cli, "render torso.safetensors --clip clip --threads %d -o %d.mp4 --quiet", threads, threads);
     cli_expect(&cli, 0, NULL);
   }
@@ -142,15 +166,20 @@ static void test_unwritable(void **state) {
   cli_expect(&cli, 1, "ernerf render: /proc/x0.png", NULL);
 }
 
-/* The header is whole, the pixels are not: found by the thread that reads, while others draw. */
+/* The header is whole, the pixels are not: found by threads that read, while others draw. The first frame's error is
+ * told, whichever thread fails first. */
 static void test_damaged_torso(void **state) {
   (void)state;
-  size_t count = 0;
   cli_copy("clip", "damaged");
-  uint8_t *bytes = cli_bytes("clip/torso_imgs/9.png", &count);
-  for (size_t i = count / 3; i < count / 2; i++) bytes[i] ^= 0x5a;
-  cli_replace("damaged/torso_imgs/9.png", bytes, count);
-  free(bytes);
+  for (int id = 9; id < FRAMES; id++) {
+    char path[64];
+    size_t count = 0;
+    snprintf(path, sizeof path, "damaged/torso_imgs/%d.png", id);
+    uint8_t *bytes = cli_bytes(path, &count);
+    for (size_t i = count / 3; i < count / 2; i++) bytes[i] ^= 0x5a;
+    cli_replace(path, bytes, count);
+    free(bytes);
+  }
   support_clear("damaged.mp4");
   cli_run(&cli, "render head.safetensors --clip damaged -o damaged.mp4 --quiet");
   cli_expect(&cli, 1, "damaged/torso_imgs/9.png", NULL);
@@ -310,7 +339,8 @@ static void test_minimal_memory_long(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_order),
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_order_long),
+                                     cmocka_unit_test(test_two_at_a_time),
                                      cmocka_unit_test(test_replay),
                                      cmocka_unit_test(test_numbered_long),
                                      cmocka_unit_test(test_video),

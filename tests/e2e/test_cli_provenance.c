@@ -191,6 +191,8 @@ static void test_label(void **state) {
   cli_expect(&cli, 1, "--label", "the frames have 64 x 64", NULL);
   assert_false(cli_there("w.mp4"));
   /* a private letter, which no font has; "Ä" is in any */
+  cli_run(&cli, "render t.safetensors --clip clip --frames 0:2 --size 33x17 --label 'made by AI' -o w.mp4");
+  cli_expect(&cli, 1, "--label", "the frames have 33 x 17", NULL); /* letters of a pixel would fit, and not be read */
   cli_run(&cli, "render t.safetensors --clip clip --frames 0:2 --label '\xc3\x84\xf4\x8f\xbf\xbd' -o w.mp4");
   cli_expect(&cli, 1, "--label", "U+10FFFD (\xf4\x8f\xbf\xbd)", "fonts-unifont", NULL);
   cli_run(&cli, "render t.safetensors --clip clip --frames 0:2 --label 'A\nI' -o w.mp4");
@@ -256,7 +258,7 @@ static void test_watermark_windows(void **state) {
   json_decref(report);
 }
 
-static void test_watermark_live(void **state) {
+static void test_watermark_live_long(void **state) {
   (void)state;
   cli_run(&cli,
           "live w.safetensors --clip clip --audio clip/aud.wav --as-fast --size 128x128 --watermark 'my key' "
@@ -299,7 +301,7 @@ int main(void) {
       cmocka_unit_test(test_consent),     cmocka_unit_test(test_consent_refused),       cmocka_unit_test(test_video),
       cmocka_unit_test(test_file_beside), cmocka_unit_test(test_file_beside_odd_names), cmocka_unit_test(test_label)};
   const struct CMUnitTest watermark[] = {cmocka_unit_test(test_watermark), cmocka_unit_test(test_watermark_windows),
-                                         cmocka_unit_test(test_watermark_live),
+                                         cmocka_unit_test(test_watermark_live_long),
                                          cmocka_unit_test(test_watermark_refused)};
   const int failed = cmocka_run_group_tests(tests, make_clip, NULL);
   return failed + cmocka_run_group_tests(watermark, make_speaking_head, NULL);

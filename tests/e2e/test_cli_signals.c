@@ -110,7 +110,7 @@ static void test_end_of_the_terminal_long(void **state) {
   expect_none_begun("h.run");
 }
 
-static void test_nohup(void **state) {
+static void test_nohup_long(void **state) {
   (void)state;
   signal(SIGHUP, SIG_IGN);
   start_and_stop("\"train  ", SIGHUP, LONG_TRAINING);
@@ -147,7 +147,7 @@ int main(void) {
                                      cmocka_unit_test(test_last_validation),
                                      cmocka_unit_test(test_second_of_a_video),
                                      cmocka_unit_test(test_end_of_the_terminal_long),
-                                     cmocka_unit_test(test_nohup),
+                                     cmocka_unit_test(test_nohup_long),
                                      cmocka_unit_test(test_ablate_long),
                                      cmocka_unit_test(test_tradeoff_long)};
   return cmocka_run_group_tests(tests, make_model, NULL);

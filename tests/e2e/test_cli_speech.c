@@ -28,13 +28,16 @@ static void test_features(void **state) {
   cli_run(&cli, "features clip/aud.wav -o made.npy");
   cli_expect(&cli, 1, "made.npy", "--overwrite", NULL);
   cli_run(&cli, "features clip/aud.wav -o clip/aud.wav -y");
-  cli_expect(&cli, 1, "is an input", NULL);
+  cli_expect(&cli, 2, "clip/aud.wav", "expected a name that ends in .npy", NULL);
   cli_run(&cli, "features clip/aud.wav");
   cli_expect(&cli, 2, "-o FILE.npy is missing", NULL);
   support_write_text("text.wav", "no sound");
   cli_run(&cli, "features text.wav -o text.npy");
   cli_expect(&cli, 1, "text.wav", NULL);
   assert_false(cli_there("text.npy"));
+  support_write_text("nothing.wav", "");
+  cli_run(&cli, "features nothing.wav -o text.npy");
+  cli_expect(&cli, 1, "nothing.wav: is empty", NULL);
   /* a training on the file is that on the sound, without augmentation */
   cli_run(&cli,
           "train clip --speech-copies 0 --speech-noise 0 -o a.safetensors --iters 4 --rays 64 "

@@ -70,7 +70,7 @@ static void test_head_alone(void **state) {
 }
 
 /* A head that was stopped goes on, with more time than it had, and its torso follows. */
-static void test_stopped_head(void **state) {
+static void test_stopped_head_long(void **state) {
   (void)state;
   support_clear("s.safetensors"), support_clear("s.run"), support_clear("s.head.safetensors"),
       support_clear("s.head.run");
@@ -130,7 +130,7 @@ static void test_paper_long(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_head_and_torso_long), cmocka_unit_test(test_head_alone),
-                                     cmocka_unit_test(test_stopped_head), cmocka_unit_test(test_refused),
+                                     cmocka_unit_test(test_stopped_head_long), cmocka_unit_test(test_refused),
                                      cmocka_unit_test(test_paper_long)};
   return cmocka_run_group_tests(tests, make_clips, NULL);
 }

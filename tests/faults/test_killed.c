@@ -170,7 +170,7 @@ static void test_each_call(void **state) {
   journey_wait(&j);
   assert_int_equal(j.status, 0);
   const size_t calls = atomic_load(&j.seen->calls);
-  const size_t stride = all != 0 ? 1 : calls / 6 + 1;
+  const size_t stride = all != 0 ? 1 : calls / 4 + 1;
   size_t kills = 0;
   cut.how = FAULT_KILL;
   for (size_t at = 1 + journey_random(seed, 0, (uint32_t)stride); at <= calls; at += stride) {

@@ -166,9 +166,9 @@ static void refuse_each(size_t way, size_t most) {
 }
 
 static void test_train(void **state) { (void)state, refuse_each(0, 2); }
-static void test_resume(void **state) { (void)state, refuse_each(1, 2); }
+static void test_resume_long(void **state) { (void)state, refuse_each(1, 2); }
 static void test_torso(void **state) { (void)state, refuse_each(2, 3); }
-static void test_from(void **state) { (void)state, refuse_each(3, 2); }
+static void test_from_long(void **state) { (void)state, refuse_each(3, 2); }
 static void test_render(void **state) { (void)state, refuse_each(4, 1); }
 static void test_convert(void **state) { (void)state, refuse_each(5, 8); }
 
@@ -212,8 +212,8 @@ static int close_all(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_train),  cmocka_unit_test(test_resume),
-                                     cmocka_unit_test(test_torso),  cmocka_unit_test(test_from),
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_train),  cmocka_unit_test(test_resume_long),
+                                     cmocka_unit_test(test_torso),  cmocka_unit_test(test_from_long),
                                      cmocka_unit_test(test_render), cmocka_unit_test(test_convert),
                                      cmocka_unit_test(test_join)};
   return cmocka_run_group_tests(tests, prepare, close_all);

@@ -1,5 +1,7 @@
 /* SPDX-License-Identifier: MIT
- * Which pixels of a frame are the head's: parsing against its definition, and as a clip gives it. */
+ * Which pixels of a frame are the head's: parsing against its definition, and as a clip gives it. Torso pictures, read
+ * by several threads. */
+#include <pthread.h>
 #include <stdio.h>
 #include <unistd.h>
 
@@ -149,6 +151,88 @@ static void test_check_without_memory(void **state) {
   ern_context_free(&context);
 }
 
+/* ---- torso pictures ---------------------------------------------------------------------------------------------- */
+
+enum { READERS = 3, TORSO_BYTES = SIDE * SIDE * 4 };
+
+struct reader {
+  ern_context *context;
+  ern_clip *clip;
+  const uint8_t *expected; /* [frames][TORSO_BYTES] */
+  size_t frames;
+  bool same;
+};
+static void *read_torsos(void *argument) {
+  struct reader *reader = argument;
+  reader->same = true;
+  for (size_t i = 0; i < 3 * reader->frames && reader->same; i++) {
+    const size_t k = i % reader->frames;
+    ern_image torso;
+    reader->same = ern_clip_torso(reader->clip, ERN_SPLIT_TRAIN, k, &torso) == ERN_OK &&
+                   memcmp(torso.data, reader->expected + k * TORSO_BYTES, TORSO_BYTES) == 0;
+    ern_image_free(reader->context, &torso);
+  }
+  return NULL;
+}
+
+static ern_status read_twice(ern_context *context) {
+  ern_clip *clip = NULL;
+  ern_status status = ern_clip_open(context, "small", NULL, &clip);
+  for (int i = 0; i < 2 && status == ERN_OK; i++) {
+    ern_image torso;
+    status = ern_clip_torso(clip, ERN_SPLIT_TRAIN, 0, &torso);
+    assert_true((torso.data != NULL) == (status == ERN_OK));
+    ern_image_free(context, &torso);
+  }
+  ern_clip_free(&clip);
+  return status;
+}
+
+/* Several threads at once, with memory for all pictures and for none; what is kept no longer needs its file. */
+static void test_torsos(void **state) {
+  (void)state;
+  ern_context *context = support_context();
+  ern_synth_options synth = ern_synth_options_default();
+  ern_clip_options options = ern_clip_options_default();
+  static uint8_t expected[8 * TORSO_BYTES];
+  synth.size = SIDE;
+  synth.frames = 8;
+  support_clear("small");
+  support_ok(context, ern_synth_write(context, "small", &synth));
+  support_refuse_each(read_twice);
+  for (int kept = 1; kept >= 0; kept--) {
+    ern_clip *clip = NULL;
+    ern_clip_info info;
+    ern_image torso;
+    pthread_t threads[READERS];
+    struct reader readers[READERS];
+    options.memory_bytes = kept ? sizeof expected : 1;
+    support_ok(context, ern_clip_open(context, "small", &options, &clip));
+    ern_clip_describe(clip, &info);
+    for (size_t k = 0; kept && k < info.frames[ERN_SPLIT_TRAIN]; k++) {
+      support_ok(context, ern_clip_pixels(clip, ERN_SPLIT_TRAIN, k, NULL, &torso));
+      memcpy(expected + k * TORSO_BYTES, torso.data, TORSO_BYTES);
+    }
+    ern_clip_free(&clip);
+    support_ok(context, ern_clip_open(context, "small", &options, &clip));
+    for (int i = 0; i < READERS; i++) {
+      readers[i] = (struct reader){context, clip, expected, info.frames[ERN_SPLIT_TRAIN], false};
+      assert_int_equal(pthread_create(&threads[i], NULL, read_torsos, &readers[i]), 0);
+    }
+    for (int i = 0; i < READERS; i++) {
+      assert_int_equal(pthread_join(threads[i], NULL), 0);
+      assert_true(readers[i].same);
+    }
+    assert_int_equal(rename("small/torso_imgs", "small/away"), 0);
+    support_expect(context, ern_clip_torso(clip, ERN_SPLIT_TRAIN, 1, &torso), kept ? ERN_OK : ERN_E_MISSING,
+                   kept ? NULL : "small/torso_imgs/", NULL);
+    assert_int_equal(rename("small/away", "small/torso_imgs"), 0);
+    ern_image_free(context, &torso);
+    ern_clip_free(&clip);
+  }
+  ern_context_free(&context);
+}
+
 static void test_clip_with_parsing(void **state) {
   (void)state;
   ern_context *context = support_context();
@@ -201,7 +285,7 @@ static void test_clip_with_parsing(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_edges), cmocka_unit_test(test_other_colours),
-                                     cmocka_unit_test(test_clip_with_parsing),
+                                     cmocka_unit_test(test_torsos), cmocka_unit_test(test_clip_with_parsing),
                                      cmocka_unit_test(test_check_without_memory)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

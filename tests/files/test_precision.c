@@ -137,7 +137,7 @@ static void test_changed(void **state) {
   expect_chosen(plain, &config, false);
 }
 
-static void test_torso(void **state) {
+static void test_torso_long(void **state) {
   (void)state;
   ern_model *head = NULL;
   clear_run("under");
@@ -197,6 +197,6 @@ static int close_all(void **state) {
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_refused),    cmocka_unit_test(test_chosen),
                                      cmocka_unit_test(test_same_bytes), cmocka_unit_test(test_changed),
-                                     cmocka_unit_test(test_torso),      cmocka_unit_test(test_state)};
+                                     cmocka_unit_test(test_torso_long), cmocka_unit_test(test_state)};
   return cmocka_run_group_tests(tests, open_all, close_all);
 }

@@ -149,6 +149,33 @@ static void test_sound_is_read_as_it_comes(void **state) {
   assert_int_equal(descriptors(), before);
 }
 
+/* Two transport streams in one file: FFmpeg calls the first packet of the second damaged. */
+static void test_joined_transport_streams(void **state) {
+  (void)state;
+  char said[SUPPORT_LINES] = "";
+  ern_context_config config = ern_context_config_default();
+  config.log = support_keep_warnings;
+  config.user = said;
+  ern_context *listening = NULL;
+  const ern_stream_options options = options_of_stream("mpegts");
+  ern_video_reader *reader = NULL;
+  ern_image image = {0};
+  double seconds = 0;
+  int frames = 0;
+  (void)unlink("one.ts");
+  support_ok(context, write_stream("one.ts", &options));
+  assert_int_equal(system("cat one.ts one.ts > two.ts"), 0);
+  support_ok(context, ern_context_create(&listening, &config));
+  support_ok(listening, ern_video_reader_open(listening, "two.ts", &reader));
+  for (bool end = false; !end; frames += !end)
+    support_ok(listening, ern_video_reader_frame(reader, &image, &seconds, &end));
+  assert_int_equal(frames, 2 * FRAMES);
+  assert_non_null(strstr(said, "two.ts: has lost or damaged packets, or is several files in one"));
+  ern_video_reader_free(&reader);
+  ern_image_free(listening, &image);
+  ern_context_free(&listening);
+}
+
 static void test_what_is_no_sound_is_refused(void **state) {
   (void)state;
   const float broken[4] = {0, 0.5f, NAN, 0};
@@ -373,6 +400,7 @@ int main(void) {
       cmocka_unit_test(test_each_form_has_exact_times),
       cmocka_unit_test(test_raw_pictures_and_y4m),
       cmocka_unit_test(test_sound_is_read_as_it_comes),
+      cmocka_unit_test(test_joined_transport_streams),
       cmocka_unit_test(test_what_is_no_sound_is_refused),
       cmocka_unit_test(test_scheme_decides_before_ending),
       cmocka_unit_test(test_unknown_host),

@@ -416,6 +416,32 @@ static void is_still_a_clip(void **state) {
   assert_int_equal(bad, 0);
 }
 
+static int write_beside(void *user, int done, int total) {
+  (void)user;
+  (void)total;
+  if (done == 1) support_write_text("shared/transforms_val.json", "mine");
+  return 0;
+}
+
+/* Where another program writes a file of that name meanwhile, it stays. */
+static void keeps_files_of_others(void **state) {
+  (void)state;
+  char text[8] = "";
+  ern_context_config config = ern_context_config_default();
+  ern_context *context = NULL;
+  ern_synth_options options = small_options();
+  config.keep_files = true;
+  options.progress = write_beside;
+  support_ok(context, ern_context_create(&context, &config));
+  support_expect(context, ern_synth_write(context, "shared", &options), ERN_E_EXISTS, "transforms_val.json", NULL);
+  FILE *file = fopen("shared/transforms_val.json", "rb");
+  assert_non_null(file);
+  assert_int_equal(fread(text, 1, sizeof text, file), 4);
+  assert_string_equal(text, "mine");
+  fclose(file);
+  ern_context_free(&context);
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(is_still_a_clip),
@@ -428,6 +454,7 @@ int main(void) {
       cmocka_unit_test(rod_hides_in_the_middle_third),
       cmocka_unit_test(profile_still_and_cut_long),
       cmocka_unit_test(leaves_nothing_behind),
+      cmocka_unit_test(keeps_files_of_others),
       cmocka_unit_test(refuses),
   };
   return cmocka_run_group_tests_name("synth_video", tests, make_clips, free_clips);

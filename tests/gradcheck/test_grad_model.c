@@ -291,7 +291,7 @@ static void test_attentions_long(void **state) {
 }
 
 /* A colour that is not told the direction. */
-static void test_view(void **state) {
+static void test_view_long(void **state) {
   (void)state;
   check_kinds((struct kinds){.no_view = true}, "", 3, 4);
 }
@@ -394,7 +394,7 @@ int main(void) {
                                      cmocka_unit_test(test_head_uncertainty),
                                      cmocka_unit_test(test_head_eye_ambient),
                                      cmocka_unit_test(test_attentions_long),
-                                     cmocka_unit_test(test_view),
+                                     cmocka_unit_test(test_view_long),
                                      cmocka_unit_test(test_grids_long),
                                      cmocka_unit_test(test_mlp_long),
                                      cmocka_unit_test(test_pose),

@@ -55,6 +55,60 @@ static void test_buffers_are_clear(void **state) {
   machines_clear();
 }
 
+/* The caller's memory may change as soon as an upload returns, also where more is uploaded than a device stages. */
+static void test_uploads_take_copies(void **state) {
+  (void)state;
+  enum { PIECE = 3 << 20, PIECES = 7, ALL = PIECES * PIECE };
+  uint8_t *values = held_memory(ALL, 1);
+  EACH_MACHINE (k) {
+    struct ern_backend *backend = machines.backend[k];
+    struct ern_stream *stream = machines.stream[k];
+    struct ern_buffer *buffer = NULL;
+    support_ok(machines.context, backend->buffer_make(backend, ERN_ELEMENT_BYTE, ALL, &buffer));
+    for (int whole = 0; whole < 2; whole++) {
+      for (size_t i = 0; i < (whole ? 1 : PIECES); i++) {
+        const ern_span to = {buffer, i * PIECE, whole ? ALL : PIECE};
+        memset(values, (int)(i + 1), to.count);
+        support_ok(machines.context, backend->upload_bytes(stream, to, values, to.count));
+        memset(values, 0x5a, to.count);
+      }
+      support_ok(machines.context, backend->download_bytes(stream, values, (ern_span){buffer, 0, ALL}, ALL));
+      for (size_t i = 0; i < ALL; i++) assert_int_equal(values[i], whole ? 1 : i / PIECE + 1);
+    }
+    backend->buffer_free(backend, buffer);
+    machines.checks += k > 0;
+  }
+  machines_clear();
+}
+
+/* A device's own times are those at which work is done, not those at which it was begun. */
+static void test_marks(void **state) {
+  (void)state;
+  enum { N = 1 << 20, COPIES = 64 };
+  EACH_MACHINE (k) {
+    struct ern_backend *backend = machines.backend[k];
+    struct ern_stream *stream = machines.stream[k];
+    struct ern_buffer *buffer = NULL;
+    double ms[3] = {-1, -1, -1};
+    support_ok(machines.context, backend->buffer_make(backend, ERN_ELEMENT_BYTE, 2 * N, &buffer));
+    for (int turn = 0; turn < 2; turn++) { /* marks may be set again */
+      support_ok(machines.context, backend->mark(stream, 0));
+      support_ok(machines.context, backend->mark(stream, 1));
+      for (int i = 0; i < COPIES; i++)
+        support_ok(machines.context, backend->copy(stream, (ern_span){buffer, N, N}, (ern_span){buffer, 0, N}, N));
+      support_ok(machines.context, backend->mark(stream, 2));
+      support_ok(machines.context, backend->marks_read(stream, ms, 3));
+      if (is_device(k))
+        assert_true(ms[0] == 0 && ms[1] >= 0 && ms[2] - ms[1] > ms[1]);
+      else
+        assert_true(ms[0] == -1 && ms[1] == -1 && ms[2] == -1);
+    }
+    backend->buffer_free(backend, buffer);
+    machines.checks += k > 0;
+  }
+  machines_clear();
+}
+
 static void test_too_much(void **state) {
   (void)state;
   EACH_MACHINE (k) {
@@ -71,5 +125,6 @@ static void test_too_much(void **state) {
 }
 
 static const struct CMUnitTest tests[] = {cmocka_unit_test(test_moves), cmocka_unit_test(test_buffers_are_clear),
+                                          cmocka_unit_test(test_uploads_take_copies), cmocka_unit_test(test_marks),
                                           cmocka_unit_test(test_too_much)};
 NOUN(memory, NULL, .isa = NULL)

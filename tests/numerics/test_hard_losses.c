@@ -216,7 +216,7 @@ static void expect_mse(double expected, double relative) {
 
 /* In one float, 12 million squares of 0.01 stop growing at 2^17 * ..; the CPU sums in double, a device in 64 parts of
  * 64 sums each: 2^22/4096 = 1,024 terms a sum, then 6 halvings, then double. */
-static void test_mean_over_four_million_rays(void **state) {
+static void test_mean_over_four_million_rays_long(void **state) {
   (void)state;
   enum { N = 1 << 22 };
   float *pixel = malloc(3 * N * sizeof *pixel), *truth = calloc(3 * N, sizeof *truth);
@@ -281,7 +281,7 @@ int main(void) {
       cmocka_unit_test(test_uncertainty_of_zero_and_1e30),
       cmocka_unit_test(test_error_of_zero),
       cmocka_unit_test(test_attention_of_zero_and_1e18),
-      cmocka_unit_test(test_mean_over_four_million_rays),
+      cmocka_unit_test(test_mean_over_four_million_rays_long),
       cmocka_unit_test(test_squares_that_leave_float),
       cmocka_unit_test(test_smoothness_of_hardly_and_far_moved),
   };

@@ -90,7 +90,7 @@ static ern_train_config fast_config(float times) {
 }
 
 /* 100 times: AdamW's steps are bounded by the rate, so nothing leaves float; what is learnt is another matter. */
-static void test_learning_rates_100_times_too_high(void **state) {
+static void test_learning_rates_100_times_too_high_long(void **state) {
   (void)state;
   const ern_train_config config = fast_config(100);
   for (int k = 0; next_machine(&k, EACH);) assert_int_equal(train_hard(&config, 20), 20);
@@ -167,7 +167,7 @@ static void test_training_on_mirrored_and_stretched_poses_long(void **state) {
   own_pose = NULL;
 }
 
-static void test_refining_mirrored_and_stretched_poses(void **state) {
+static void test_refining_mirrored_and_stretched_poses_long(void **state) {
   (void)state;
   static const float poses[][16] = {{-1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0.8f, 0, 0, 0, 1},
                                     {7, 0, 0, 0, 0, 0.1f, 0, 0, 0, 0, 3, 0.8f, 0, 0, 0, 1},
@@ -272,12 +272,12 @@ static void test_training_with_settings_that_are_no_numbers(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_learning_rates_100_times_too_high),
+      cmocka_unit_test(test_learning_rates_100_times_too_high_long),
       cmocka_unit_test(test_learning_rates_of_1000),
       cmocka_unit_test(test_torso_at_learning_rates_100_times_too_high),
       cmocka_unit_test(test_training_on_a_pose_that_is_no_pose),
       cmocka_unit_test(test_training_on_mirrored_and_stretched_poses_long),
-      cmocka_unit_test(test_refining_mirrored_and_stretched_poses),
+      cmocka_unit_test(test_refining_mirrored_and_stretched_poses_long),
       cmocka_unit_test(test_training_on_a_feature_that_is_no_number),
       cmocka_unit_test(test_training_on_silent_and_huge_speech),
       cmocka_unit_test(test_training_on_pictures_of_one_colour_long),

@@ -329,7 +329,7 @@ static int only_on(void *user, const char *step, size_t done, size_t total) {
 }
 
 /* A video whose first minute shows nobody has a best stretch none the less, and is refused without --segment. */
-static void test_late(void **state) {
+static void test_late_long(void **state) {
   (void)state;
   enum { EMPTY = 65 * ERN_PREPARE_RATE, SHOWN = 8 * ERN_PREPARE_RATE };
   ern_context *context = support_context();
@@ -368,6 +368,6 @@ static void test_late(void **state) {
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_found), cmocka_unit_test(test_count),
                                      cmocka_unit_test(test_none),  cmocka_unit_test(test_refused),
-                                     cmocka_unit_test(test_step),  cmocka_unit_test(test_late)};
+                                     cmocka_unit_test(test_step),  cmocka_unit_test(test_late_long)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

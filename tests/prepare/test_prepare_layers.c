@@ -383,7 +383,7 @@ static void test_cluttered_long(void **state) {
 }
 
 /* What comes after uses the frames no more. */
-static void test_key(void **state) {
+static void test_key_long(void **state) {
   struct truth *t = *state;
   static const uint8_t green[3] = {40, 190, 60};
   struct run run = {.options = ern_prepare_options_default()};
@@ -426,7 +426,7 @@ int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_truth),          cmocka_unit_test(test_no_shoulders_long),
                                      cmocka_unit_test(test_supplied),       cmocka_unit_test(test_background),
                                      cmocka_unit_test(test_banner_long),    cmocka_unit_test(test_cancel),
-                                     cmocka_unit_test(test_cluttered_long), cmocka_unit_test(test_key),
+                                     cmocka_unit_test(test_cluttered_long), cmocka_unit_test(test_key_long),
                                      cmocka_unit_test(test_nothing_long)};
   return cmocka_run_group_tests(tests, make_truth, free_truth);
 }

@@ -169,7 +169,7 @@ static void test_record(void **state) {
 }
 
 /* A head that speaks after a cut: its stretch is taken, and again by a call that does the step again. */
-static void test_face_step(void **state) {
+static void test_face_step_long(void **state) {
   (void)state;
   enum { BEFORE = 30, AFTER = 35 };
   static uint8_t rgba[4 * HEAD * HEAD];
@@ -230,6 +230,6 @@ static void test_face_step(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_choice), cmocka_unit_test(test_words),
-                                     cmocka_unit_test(test_record), cmocka_unit_test(test_face_step)};
+                                     cmocka_unit_test(test_record), cmocka_unit_test(test_face_step_long)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -219,7 +219,7 @@ class Module(unittest.TestCase):
     def test_close(self):
         with ernerf.Context() as context:
             backend, model = ernerf.Backend(context), ernerf.Model(context, "head.safetensors")
-            renderer = ernerf.Renderer(backend, model)
+            renderer, another = ernerf.Renderer(backend, model), ernerf.Model(context, "head.safetensors")
             features = context.features("speech.npy")
             clip = ernerf.Clip(context, "clip")
             background = clip.background
@@ -229,6 +229,8 @@ class Module(unittest.TestCase):
         view, matrix = ernerf.View(150, 16, 16, 32, 32), np.eye(4, dtype=np.float32)
         picture = renderer.frame(view, matrix, renderer.windows(features, 0))
         self.assertEqual(picture.shape, (32, 32, 3))
+        self.assertIn("aabb_train", another.tensors())
+        another.close()
         renderer.close()
         renderer.close()
         np.testing.assert_array_equal(features, expected[0])
@@ -241,7 +243,8 @@ class Module(unittest.TestCase):
         for what, use in (("Model", lambda: model.save("none.safetensors")), ("Clip", lambda: clip.features),
                           ("Backend", lambda: backend.info), ("Context", lambda: context.features("speech.npy")),
                           ("Renderer", lambda: renderer.frame(view, matrix, windows)),
-                          ("Context", lambda: ernerf.Model(context, "head.safetensors"))):
+                          ("Context", lambda: ernerf.Model(context, "head.safetensors")),
+                          ("Context", lambda: context.tensors("head.safetensors"))):
             with (unittest.mock.patch.object(sys, "unraisablehook") as unraisable,
                   self.says(ValueError, f"the {what} is closed")):
                 use()

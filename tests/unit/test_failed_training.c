@@ -65,7 +65,7 @@ static ern_status stop_at_frame(void *user, int split, size_t frame, const float
 }
 
 /* Who stops within a validation has its step saved, though no save is due at it, and goes on from there. */
-static void test_stop_within_a_validation(void **state) {
+static void test_stop_within_a_validation_long(void **state) {
   (void)state;
   struct made m;
   ern_train_state saved;
@@ -175,7 +175,7 @@ static void expect_untouched(const struct made *m, ern_trainer *trainer, const c
 
 /* What lies at X.run when the folder was moved, or when the program is in another working folder, is not this
  * training's. */
-static void test_another_folder(void **state) {
+static void test_another_folder_long(void **state) {
   (void)state;
   struct made m;
   ern_trainer *trainer = NULL;
@@ -291,10 +291,10 @@ static void test_network(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_failed_validation_saves),
-                                     cmocka_unit_test(test_stop_within_a_validation),
+                                     cmocka_unit_test(test_stop_within_a_validation_long),
                                      cmocka_unit_test(test_failed_picture_saves),
                                      cmocka_unit_test(test_drawn_ahead),
-                                     cmocka_unit_test(test_another_folder),
+                                     cmocka_unit_test(test_another_folder_long),
                                      cmocka_unit_test(test_steps_in_a_callback),
                                      cmocka_unit_test(test_names),
                                      cmocka_unit_test(test_network)};

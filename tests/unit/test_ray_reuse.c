@@ -177,7 +177,7 @@ static void tell(struct scene *scene, const ern_render_options *options, float b
   ern_renderer_free(&without);
 }
 
-static void test_within_the_bound(void **state) {
+static void test_within_the_bound_long(void **state) {
   (void)state;
   static struct scene scene;
   scene_make(&scene, "cpu", "ref", true, false);
@@ -382,7 +382,7 @@ static void test_bad_arguments(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_within_the_bound),
+      cmocka_unit_test(test_within_the_bound_long),
       cmocka_unit_test(test_something_is_kept),
       cmocka_unit_test(test_bound_0_changes_nothing),
       cmocka_unit_test(test_torso_of_the_model),

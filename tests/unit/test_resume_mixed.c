@@ -63,7 +63,7 @@ static void test_links_in_the_run_folder(void **state) {
 }
 
 /* A training that hears copies of the speech is gone on with the same copies, as often; they change what is learnt. */
-static void test_copies(void **state) {
+static void test_copies_long(void **state) {
   (void)state;
   struct made m;
   ern_trainer *trainer = NULL;
@@ -108,6 +108,7 @@ static void test_copies(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_resume_under_another_head),
-                                     cmocka_unit_test(test_links_in_the_run_folder), cmocka_unit_test(test_copies)};
+                                     cmocka_unit_test(test_links_in_the_run_folder),
+                                     cmocka_unit_test(test_copies_long)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -63,7 +63,7 @@ static void same_for_all(ern_backbone backbone) {
 static void test_trihash(void **state) { (void)state, same_for_all(ERN_BACKBONE_TRIHASH); }
 static void test_hash3d(void **state) { (void)state, same_for_all(ERN_BACKBONE_HASH3D); }
 static void test_triplane(void **state) { (void)state, same_for_all(ERN_BACKBONE_TRIPLANE); }
-static void test_mlp(void **state) { (void)state, same_for_all(ERN_BACKBONE_MLP); }
+static void test_mlp_long(void **state) { (void)state, same_for_all(ERN_BACKBONE_MLP); }
 
 /* ---- refreshes past the first steps; the steps between are left out by setting the trainer's number of them ---- */
 
@@ -352,11 +352,10 @@ static int close_all(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_trihash),       cmocka_unit_test(test_hash3d),
-                                     cmocka_unit_test(test_triplane),      cmocka_unit_test(test_mlp),
-                                     cmocka_unit_test(test_interval),      cmocka_unit_test(test_turns),
-                                     cmocka_unit_test(test_late_long),     cmocka_unit_test(test_poses_long),
-                                     cmocka_unit_test(test_pose_mean),     cmocka_unit_test(test_poses_left_alone),
-                                     cmocka_unit_test(test_poses_are_kept)};
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test(test_trihash),          cmocka_unit_test(test_hash3d),        cmocka_unit_test(test_triplane),
+      cmocka_unit_test(test_mlp_long),         cmocka_unit_test(test_interval),      cmocka_unit_test(test_turns),
+      cmocka_unit_test(test_late_long),        cmocka_unit_test(test_poses_long),    cmocka_unit_test(test_pose_mean),
+      cmocka_unit_test(test_poses_left_alone), cmocka_unit_test(test_poses_are_kept)};
   return cmocka_run_group_tests(tests, prepare, close_all);
 }

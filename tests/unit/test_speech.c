@@ -157,7 +157,7 @@ static double distance(const float *a, const float *b, size_t count) {
 
 /* The root of the mean square of the differences, of values about 1: resampling filters end near 8 kHz, where the
  * highest band is; 8 kHz sound lacks the bands above 4 kHz; the quiet one is over the least level. */
-static void test_any_form(void **state) {
+static void test_any_form_long(void **state) {
   (void)state;
   ern_context *context = support_context();
   static const struct {
@@ -181,6 +181,22 @@ static void test_any_form(void **state) {
       fail_msg("%d Hz, %d channels, gain %g: off by %g", forms[k].rate, forms[k].channels, forms[k].gain, away);
     free(samples);
   }
+  ern_context_free(&context);
+}
+
+/* Speech in the centre of 5.1 is that speech, also where it is quiet: nothing is divided by the number of channels. */
+static void test_centre(void **state) {
+  (void)state;
+  enum { RATE = 16000, CHANNELS = 6, CENTRE = 2 };
+  ern_context *context = support_context();
+  size_t frames = 0;
+  static float rows[2][200 * WIDTH];
+  float *alone = make_voice(RATE, 1, 1, 0.02, &frames), *all = calloc(frames * CHANNELS, sizeof *all);
+  for (size_t i = 0; i < frames; i++) all[CHANNELS * i + CENTRE] = alone[i];
+  const size_t count = rows_of(context, alone, frames, RATE, 1, 4096, rows[0]);
+  assert_int_equal(rows_of(context, all, frames, RATE, CHANNELS, 4096, rows[1]), count);
+  assert_memory_equal(rows[0], rows[1], count * WIDTH * sizeof(float));
+  free(alone), free(all);
   ern_context_free(&context);
 }
 
@@ -347,9 +363,9 @@ static void test_files(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_plain),    cmocka_unit_test(test_any_cut),
-                                     cmocka_unit_test(test_any_form), cmocka_unit_test(test_cancelled),
-                                     cmocka_unit_test(test_refusals), cmocka_unit_test(test_failed_stream),
-                                     cmocka_unit_test(test_files)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_plain),         cmocka_unit_test(test_any_cut),
+                                     cmocka_unit_test(test_any_form_long), cmocka_unit_test(test_centre),
+                                     cmocka_unit_test(test_cancelled),     cmocka_unit_test(test_refusals),
+                                     cmocka_unit_test(test_failed_stream), cmocka_unit_test(test_files)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

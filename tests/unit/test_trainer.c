@@ -372,7 +372,7 @@ static void test_lock_after_fork(void **state) {
 
 /* ---- where a training starts ------------------------------------------------------------------------------------- */
 
-static void test_from(void **state) {
+static void test_from_long(void **state) {
   (void)state;
   struct made m;
   ern_trainer *trainer = NULL;
@@ -548,7 +548,7 @@ int main(void) {
                                      cmocka_unit_test(test_resume_past_the_end),
                                      cmocka_unit_test(test_stop_saves),
                                      cmocka_unit_test(test_lock_after_fork),
-                                     cmocka_unit_test(test_from),
+                                     cmocka_unit_test(test_from_long),
                                      cmocka_unit_test(test_ema),
                                      cmocka_unit_test(test_ema_before_its_time_long),
                                      cmocka_unit_test(test_ema_of_a_torso_long),

@@ -12,14 +12,15 @@ void queue_free(struct bounded_queue *queue) {
   pthread_mutex_destroy(&queue->mutex);
 }
 
-int queue_wait_for_slot(struct bounded_queue *queue) {
+int queue_wait_for_slot_of(struct bounded_queue *queue, size_t item) {
   pthread_mutex_lock(&queue->mutex);
-  while (!queue->broken && queue->filled - queue->emptied == queue->places)
-    pthread_cond_wait(&queue->moved, &queue->mutex);
-  const int place = queue->broken ? QUEUE_CLOSED : (int)(queue->filled % queue->places);
+  while (!queue->broken && item - queue->emptied >= queue->places) pthread_cond_wait(&queue->moved, &queue->mutex);
+  const int place = queue->broken ? QUEUE_CLOSED : (int)(item % queue->places);
   pthread_mutex_unlock(&queue->mutex);
   return place;
 }
+
+int queue_wait_for_slot(struct bounded_queue *queue) { return queue_wait_for_slot_of(queue, queue->filled); }
 
 bool queue_has_slot(struct bounded_queue *queue) {
   (void)pthread_mutex_lock(&queue->mutex);
@@ -46,10 +47,10 @@ int queue_wait_for_item(struct bounded_queue *queue) {
 }
 
 /* Changes a member of the queue, such as `filled += 1` or `ended = true`, and wakes the waiting threads. */
-#define QUEUE_CHANGE(queue, change)     \
-  pthread_mutex_lock(&(queue)->mutex);  \
-  (queue)->change;                      \
-  pthread_cond_signal(&(queue)->moved); \
+#define QUEUE_CHANGE(queue, change)        \
+  pthread_mutex_lock(&(queue)->mutex);     \
+  (queue)->change;                         \
+  pthread_cond_broadcast(&(queue)->moved); \
   pthread_mutex_unlock(&(queue)->mutex)
 
 void queue_push(struct bounded_queue *queue) { QUEUE_CHANGE(queue, filled++); }

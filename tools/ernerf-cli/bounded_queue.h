@@ -24,6 +24,8 @@ void queue_free(struct bounded_queue *queue);
 
 /* Producer: waits for a free place and returns its index, or QUEUE_CLOSED if the consumer gave up. */
 int queue_wait_for_slot(struct bounded_queue *queue);
+/* The same for item number `item`, counted from 0, which is filled after those before it. */
+int queue_wait_for_slot_of(struct bounded_queue *queue, size_t item);
 bool queue_has_slot(struct bounded_queue *queue); /* whether queue_wait_for_slot would not wait */
 void queue_push(struct bounded_queue *queue);     /* hands that place to the consumer */
 void queue_end(struct bounded_queue *queue);      /* no more items follow */

@@ -101,6 +101,15 @@ struct ern_cl_pending {
   size_t at, count;
 };
 
+/* Pinned host memory that transfers go through: the host need not wait for an upload. */
+struct ern_cl_staging {
+  cl_mem memory;
+  uint8_t *bytes; /* [ERN_CL_STAGING]; NULL: not made yet, or refused */
+  size_t used;
+  cl_event last; /* the last transfer from it; NULL: none */
+};
+enum { ERN_CL_STAGING = 1 << 23 }; /* three batches of 65,536 rays */
+
 struct ern_cl_stream {
   struct ern_stream base; /* first: an ern_cl_stream is an ern_stream; its table may be a wrapper that observes the
                              calls (src/lab/bench) */
@@ -113,7 +122,10 @@ struct ern_cl_stream {
   size_t figures_used;
   struct ern_cl_pending pending[ERN_CL_PENDING];
   size_t pending_count;
+  cl_event mark[ERN_MARKS];         /* NULL: not set */
   struct ern_cl_portrait *portrait; /* of render_prepare; NULL: nothing was prepared */
+  struct ern_cl_staging staging[2]; /* one is filled while the device reads the other */
+  int staging_at;                   /* the one that is filled */
   size_t rays_at_once;              /* rays for which a training step had enough memory; 0: all */
 };
 

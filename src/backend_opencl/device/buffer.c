@@ -2,6 +2,8 @@
  * Errors, buffers and transfers. */
 #include "backend_opencl/device/buffer.h"
 
+#include <string.h>
+
 #include "core/memory.h"
 #include "core/status.h"
 
@@ -137,21 +139,87 @@ fail:
 
 /* ---- moving bytes ------------------------------------------------------------------------------------------------ */
 
-static ern_status write_span(struct ern_stream *stream, ern_span to, const void *from, size_t count) {
-  if (count == 0) return ERN_OK;
-  ern_cl_touch(ern_cl_backend_of(stream), to.buffer);
-  const size_t each = element_bytes[to.buffer->element];
-  const cl_int code = clEnqueueWriteBuffer(ern_cl_stream_of(stream)->queue, to.buffer->memory, CL_TRUE, to.at * each,
-                                           count * each, from, 0, NULL, NULL);
-  return ern_cl_check(ern_cl_backend_of(stream), code, "write to the device");
+/* Waits for the transfers from the staging memory. */
+static cl_int staging_wait(struct ern_cl_staging *staging) {
+  const cl_int code = staging->last != NULL ? clWaitForEvents(1, &staging->last) : CL_SUCCESS;
+  if (staging->last != NULL) clReleaseEvent(staging->last);
+  staging->last = NULL;
+  staging->used = 0;
+  return code;
 }
 
+static void staging_make(struct ern_cl_stream *stream, struct ern_cl_staging *staging) {
+  cl_int code = CL_SUCCESS;
+  staging->memory =
+      clCreateBuffer(stream->owner->context, CL_MEM_READ_WRITE | CL_MEM_ALLOC_HOST_PTR, ERN_CL_STAGING, NULL, &code);
+  if (code != CL_SUCCESS) staging->memory = NULL;
+  if (code == CL_SUCCESS)
+    staging->bytes = clEnqueueMapBuffer(stream->queue, staging->memory, CL_TRUE, CL_MAP_READ | CL_MAP_WRITE, 0,
+                                        ERN_CL_STAGING, 0, NULL, NULL, &code);
+  if (code != CL_SUCCESS) staging->bytes = NULL;
+}
+
+void ern_cl_staging_free(struct ern_cl_stream *stream) {
+  for (int i = 0; i < 2; i++) {
+    struct ern_cl_staging *staging = &stream->staging[i];
+    staging_wait(staging);
+    if (staging->bytes != NULL) clEnqueueUnmapMemObject(stream->queue, staging->memory, staging->bytes, 0, NULL, NULL);
+    if (staging->memory != NULL) clReleaseMemObject(staging->memory);
+  }
+}
+
+/* *staging = the one with room for `bytes`; NULL where there is none: then the transfer is from or to the caller's
+ * memory, and waited for. For a CPU as the device that is the faster way. */
+static cl_int staging_with_room(struct ern_cl_stream *stream, size_t bytes, struct ern_cl_staging **staging) {
+  cl_int code = CL_SUCCESS;
+  *staging = NULL;
+  if (bytes > ERN_CL_STAGING || stream->owner->device.cpu) return CL_SUCCESS;
+  struct ern_cl_staging *at = &stream->staging[stream->staging_at];
+  if (bytes > ERN_CL_STAGING - at->used) {
+    stream->staging_at = 1 - stream->staging_at;
+    at = &stream->staging[stream->staging_at];
+    code = staging_wait(at);
+  }
+  if (at->memory == NULL) staging_make(stream, at);
+  if (at->bytes != NULL) *staging = at;
+  return code;
+}
+
+/* Through staging memory, so that neither the host waits for the device's earlier work, nor the device for the
+ * transfer of pageable memory. */
+static ern_status write_span(struct ern_stream *stream, ern_span to, const void *from, size_t count) {
+  if (count == 0) return ERN_OK;
+  struct ern_cl_stream *own = ern_cl_stream_of(stream);
+  struct ern_cl_staging *staging = NULL;
+  ern_cl_touch(own->owner, to.buffer);
+  const size_t each = element_bytes[to.buffer->element], bytes = count * each;
+  cl_int code = staging_with_room(own, bytes, &staging);
+  if (code == CL_SUCCESS && staging == NULL)
+    code = clEnqueueWriteBuffer(own->queue, to.buffer->memory, CL_TRUE, to.at * each, bytes, from, 0, NULL, NULL);
+  if (code == CL_SUCCESS && staging != NULL) {
+    uint8_t *copy = staging->bytes + staging->used;
+    memcpy(copy, from, bytes);
+    staging->used += (bytes + 63) / 64 * 64;
+    if (staging->last != NULL) clReleaseEvent(staging->last);
+    staging->last = NULL;
+    code = clEnqueueWriteBuffer(own->queue, to.buffer->memory, CL_FALSE, to.at * each, bytes, copy, 0, NULL,
+                                &staging->last);
+  }
+  return ern_cl_check(own->owner, code, "write to the device");
+}
+
+/* Through staging memory likewise: a transfer to pageable memory is slower than one to pinned memory and a copy. */
 ern_status ern_cl_read(struct ern_stream *stream, void *to, ern_span from, size_t count) {
   if (count == 0) return ERN_OK;
-  const size_t each = element_bytes[from.buffer->element];
-  const cl_int code = clEnqueueReadBuffer(ern_cl_stream_of(stream)->queue, from.buffer->memory, CL_TRUE, from.at * each,
-                                          count * each, to, 0, NULL, NULL);
-  return ern_cl_check(ern_cl_backend_of(stream), code, "read from the device");
+  struct ern_cl_stream *own = ern_cl_stream_of(stream);
+  struct ern_cl_staging *staging = NULL;
+  const size_t each = element_bytes[from.buffer->element], bytes = count * each;
+  cl_int code = staging_with_room(own, bytes, &staging);
+  void *pinned = staging != NULL ? staging->bytes + staging->used : to;
+  if (code == CL_SUCCESS)
+    code = clEnqueueReadBuffer(own->queue, from.buffer->memory, CL_TRUE, from.at * each, bytes, pinned, 0, NULL, NULL);
+  if (code == CL_SUCCESS && staging != NULL) memcpy(to, pinned, bytes);
+  return ern_cl_check(own->owner, code, "read from the device");
 }
 
 static ern_status upload_reals(struct ern_stream *stream, ern_span to, const float *from, size_t count) {

@@ -13,6 +13,9 @@ const char *ern_cl_error_name(cl_int code);
 /* Blocking read of `count` floats or int32. */
 ERN_NODISCARD ern_status ern_cl_read(struct ern_stream *stream, void *to, ern_span from, size_t count);
 
+/* Frees the stream's staging memory, after the transfers from it. */
+void ern_cl_staging_free(struct ern_cl_stream *stream);
+
 /* Fills the slots of the table that make buffers and transfer data. */
 void ern_cl_fill_memory(struct ern_backend *table);
 

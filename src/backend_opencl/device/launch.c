@@ -120,6 +120,29 @@ fail:
   return status;
 }
 
+/* ---- times ------------------------------------------------------------------------------------------------------- */
+
+ern_status ern_cl_mark(struct ern_stream *stream, int index) {
+  struct ern_cl_stream *own = ern_cl_stream_of(stream);
+  if (own->mark[index] != NULL) clReleaseEvent(own->mark[index]);
+  own->mark[index] = NULL;
+  const cl_int code = clEnqueueMarkerWithWaitList(own->queue, 0, NULL, &own->mark[index]);
+  return ern_cl_check(own->owner, code, "note a time");
+}
+
+ern_status ern_cl_marks_read(struct ern_stream *stream, double *ms, int count) {
+  struct ern_cl_stream *own = ern_cl_stream_of(stream);
+  cl_ulong at[ERN_MARKS];
+  cl_int code = clWaitForEvents((cl_uint)count, own->mark);
+  if (code != CL_SUCCESS) return ern_cl_check(own->owner, code, "wait for times");
+  for (int i = 0; i < count && code == CL_SUCCESS; i++)
+    code = clGetEventProfilingInfo(own->mark[i], CL_PROFILING_COMMAND_END, sizeof at[i], &at[i], NULL);
+  for (int i = 0; i < count && code == CL_SUCCESS; i++) ms[i] = 1e-6 * (double)(cl_long)(at[i] - at[0]);
+  return ERN_OK; /* a driver that gives no times leaves the host's */
+}
+
+/* ------------------------------------------------------------------------------------------------------------------ */
+
 struct ern_cl_blocks ern_cl_blocks_of(struct ern_stream *stream, size_t n) {
   enum { VECTORS = 32 };
   const struct ern_cl_device *device = &ern_cl_backend_of(stream)->device;

@@ -48,6 +48,10 @@ ERN_NODISCARD ern_status ern_cl_figures(struct ern_stream *stream, size_t count,
                                         void (*deliver)(void *args, const float *values, size_t count), void *args,
                                         ern_span *span);
 
+/* The table's functions of these names (core/backend.h). */
+ern_status ern_cl_mark(struct ern_stream *stream, int index);
+ern_status ern_cl_marks_read(struct ern_stream *stream, double *ms, int count);
+
 /* Cleans up where `status` is an error: discards results pending for `synchronize`, as their args are gone, and frees
  * unused scratch, as the next try may need other sizes. Returns `status`. */
 ern_status ern_cl_clean_up(struct ern_stream *stream, ern_status status);

@@ -3,6 +3,8 @@
 #include <string.h>
 
 #include "backend_opencl/device/tune_workloads.h"
+
+#include "backend_opencl/device/peak.h"
 #include "core/memory.h"
 #include "core/rng.h"
 #include "model/parameters.h"
@@ -147,6 +149,7 @@ ern_status ern_cl_loads_make(struct ern_cl_backend *backend, struct ern_cl_workl
   p->prepare.field = &p->field;
   ERN_TRY(fill_samples(p, host ? HOST_SAMPLES : GPU_SAMPLES));
   ERN_TRY(fill_pictures(p, host ? HOST_SIDE : GPU_SIDE));
+  ERN_TRY(ern_opencl_finish(p->stream)); /* the calls are made on other streams */
   return ERN_OK;
 fail:
   ern_cl_loads_free(*loads);

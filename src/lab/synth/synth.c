@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  * Writes the synthetic clip as a folder in the public layout, and optionally as a video: draws it frame by frame,
- * writes the transforms last, and removes all files after an error. */
+ * writes the transforms last, and removes all files after an error, except where a file of others is among them. */
 #include <dirent.h>
 #include <errno.h>
 #include <inttypes.h>
@@ -35,7 +35,7 @@ struct work {
   const char *folder;
   const ern_synth_options *options;
   size_t frames;
-  bool made_folder;
+  bool made_folder, at_video; /* at_video: an error is the video's */
   struct cast {
     struct ern_synth_person person;
     struct ern_synth_layer torso;
@@ -498,10 +498,13 @@ static ern_status write_all(struct work *work) {
   ERN_TRY(write_sound(work));
   if (work->options->blink) ERN_TRY(write_units(work));
   ERN_TRY(write_table(work, "curves.csv", curves_header, 160, curves_line));
+  work->at_video = true;
   if (work->options->video != NULL) ERN_TRY(open_video(work));
+  work->at_video = false;
   ERN_TRY(write_frames(work));
   ERN_TRY(write_transforms(work, "transforms_val.json", train, work->frames));
   ERN_TRY(write_transforms(work, "transforms_train.json", 0, train));
+  work->at_video = true;
   if (work->video != NULL) ERN_TRY(ern_video_writer_close(&work->video));
 fail:
   return status;
@@ -526,7 +529,8 @@ ern_status ern_synth_write(ern_context *context, const char *folder, const ern_s
   ERN_TRY(write_all(&work));
 fail:
   ern_video_writer_abandon(&work.video);
-  if (status != ERN_OK && writing) remove_all(&work);
+  const bool others = status == ERN_E_EXISTS && !work.at_video; /* a file of others is in the folder */
+  if (status != ERN_OK && writing && !others) remove_all(&work);
   tear_down(&work);
   return status;
 }

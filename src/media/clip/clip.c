@@ -3,6 +3,7 @@
 #include "media/clip/clip.h"
 
 #include <inttypes.h>
+#include <pthread.h>
 #include <string.h>
 #include <sys/stat.h>
 
@@ -12,6 +13,7 @@
 #include "core/sized.h"
 #include "io/file.h"
 #include "io/landmarks.h"
+#include "media/image.h"
 
 enum { TRANSFORMS_LIMIT = 1 << 26, BACKGROUND_LIMIT = 1 << 28 };
 
@@ -36,6 +38,7 @@ struct ern_clip {
   ern_clip_frame *frames[2]; /* by ern_split */
   struct pictures truth, torso, head;
   uint64_t budget, used; /* bytes of kept pictures */
+  pthread_mutex_t mutex; /* guards `used` and torso.kept among calls of ern_clip_torso */
 };
 
 static uint64_t half_of_memory(void) {
@@ -278,6 +281,7 @@ ern_status ern_clip_open(ern_context *context, const char *folder, const ern_cli
   ERN_TRY(check_folder(context, folder));
   ERN_TRY(ern_clip_check_prepared(context, folder));
   ERN_TRY(ERN_NEW(context, 1, &made));
+  pthread_mutex_init(&made->mutex, NULL); /* does not fail on Linux */
   made->context = context;
   made->budget = chosen.memory_bytes != 0 ? chosen.memory_bytes : half_of_memory();
   made->truth = (struct pictures){.part = ERN_PART_TRUTH, .channels = 3};
@@ -320,6 +324,7 @@ void ern_clip_free(ern_clip **clip) {
   ern_release(dying->context, dying->frames[ERN_SPLIT_VAL]);
   ern_release(dying->context, dying->features_file);
   ern_release(dying->context, dying->folder);
+  pthread_mutex_destroy(&dying->mutex);
   ern_release(dying->context, dying);
 }
 
@@ -386,37 +391,53 @@ const ern_clip_frame *ern_clip_frame_at(const ern_clip *clip, ern_split split, s
   return has_frame(clip, split, index) ? &clip->frames[split][index] : NULL;
 }
 
+/* *image = one picture of a frame, read from its file. */
+static ern_status read_picture(const ern_clip *clip, const struct pictures *pictures, ern_split split, size_t index,
+                               ern_image *image) {
+  ern_status status = ERN_OK;
+  ern_context *context = clip->context;
+  char *path = NULL;
+  const int width = clip->info.width, height = clip->info.height;
+  ERN_TRY(ern_clip_part_path(context, clip->folder, pictures->part, clip->frames[split][index].pose.img_id, &path));
+  ERN_TRY(ern_image_read(context, path, pictures->part == ERN_PART_PARSING ? 3 : pictures->channels, image));
+  if (image->width != width || image->height != height)
+    ERN_TRY(ern_fail(context, ERN_E_SHAPE,
+                     "%s: size is %d x %d, expected %d x %d: it changed since the clip was opened", path, image->width,
+                     image->height, width, height));
+  if (pictures->part == ERN_PART_PARSING) ERN_TRY(ern_clip_head_of_parsing(context, path, image));
+fail:
+  if (status != ERN_OK) ern_image_free(context, image);
+  ern_release(context, path);
+  return status;
+}
+
+static uint64_t picture_bytes(const ern_clip *clip, const struct pictures *pictures) {
+  return (uint64_t)clip->info.width * (uint64_t)clip->info.height * (uint64_t)pictures->channels;
+}
+
+/* Keeps the picture in memory and empties *image, where the budget allows it and the frame has none there yet. */
+static void keep_picture(ern_clip *clip, const struct pictures *pictures, uint8_t **kept, ern_image *image) {
+  const uint64_t bytes = picture_bytes(clip, pictures);
+  if (*kept != NULL || clip->budget - clip->used < bytes) return;
+  *kept = image->data;
+  *image = (ern_image){0};
+  clip->used += bytes;
+}
+
 /* Returns one picture of a frame, from the cache or from its file. The first pictures read stay in the cache while they
  * fit the budget. Training samples frames uniformly, so it does not matter which ones stay. */
 static ern_status get_picture(ern_clip *clip, struct pictures *pictures, ern_split split, size_t index,
                               ern_image *image) {
   ern_status status = ERN_OK;
-  ern_context *context = clip->context;
-  char *path = NULL;
   uint8_t **kept = &pictures->kept[split][index];
-  const int width = clip->info.width, height = clip->info.height;
-  const uint64_t bytes = (uint64_t)width * (uint64_t)height * (uint64_t)pictures->channels;
   if (*kept == NULL) {
-    ern_image_free(context, &pictures->last);
-    ERN_TRY(ern_clip_part_path(context, clip->folder, pictures->part, clip->frames[split][index].pose.img_id, &path));
-    ERN_TRY(
-        ern_image_read(context, path, pictures->part == ERN_PART_PARSING ? 3 : pictures->channels, &pictures->last));
-    if (pictures->last.width != width || pictures->last.height != height) {
-      ERN_TRY(ern_fail(context, ERN_E_SHAPE,
-                       "%s: size is %d x %d, expected %d x %d: it changed since the clip was opened", path,
-                       pictures->last.width, pictures->last.height, width, height));
-    }
-    if (pictures->part == ERN_PART_PARSING) ERN_TRY(ern_clip_head_of_parsing(context, path, &pictures->last));
+    ern_image_free(clip->context, &pictures->last);
+    ERN_TRY(read_picture(clip, pictures, split, index, &pictures->last));
+    keep_picture(clip, pictures, kept, &pictures->last);
   }
-  if (*kept == NULL && clip->budget - clip->used >= bytes) {
-    *kept = pictures->last.data;
-    pictures->last = (ern_image){0};
-    clip->used += bytes;
-  }
-  *image = (ern_image){.width = width, .height = height, .channels = pictures->channels};
+  *image = (ern_image){.width = clip->info.width, .height = clip->info.height, .channels = pictures->channels};
   image->data = *kept != NULL ? *kept : pictures->last.data;
 fail:
-  ern_release(context, path);
   return status;
 }
 
@@ -436,6 +457,43 @@ ern_status ern_clip_pixels(ern_clip *clip, ern_split split, size_t index, ern_im
   if (truth != NULL) ERN_TRY(get_picture(clip, &clip->truth, split, index, truth));
   if (torso != NULL && clip->info.has_torso) ERN_TRY(get_picture(clip, &clip->torso, split, index, torso));
 fail:
+  return status;
+}
+
+static ern_status copy_picture(const ern_clip *clip, const struct pictures *pictures, const uint8_t *from,
+                               ern_image *copy) {
+  const ern_status status =
+      ern_image_make(clip->context, clip->folder, clip->info.width, clip->info.height, pictures->channels, copy);
+  if (status == ERN_OK) memcpy(copy->data, from, (size_t)picture_bytes(clip, pictures));
+  return status;
+}
+
+ern_status ern_clip_torso(ern_clip *clip, ern_split split, size_t index, ern_image *torso) {
+  ERN_PLAIN_FLOATS;
+  ern_status status = ERN_OK;
+  ern_image copy = {0};
+  if (torso != NULL) *torso = (ern_image){0};
+  ERN_NEED(NULL, clip);
+  ERN_NEED(clip->context, torso);
+  ERN_TRY(check_frame(clip, split, index));
+  if (!clip->info.has_torso) return ERN_OK;
+  struct pictures *pictures = &clip->torso;
+  uint8_t **kept = &pictures->kept[split][index];
+  pthread_mutex_lock(&clip->mutex);
+  const uint8_t *there = *kept; /* stays as long as the clip */
+  const bool fits = clip->budget - clip->used >= picture_bytes(clip, pictures);
+  pthread_mutex_unlock(&clip->mutex);
+  if (there != NULL) return copy_picture(clip, pictures, there, torso);
+  ERN_TRY(read_picture(clip, pictures, split, index, torso));
+  if (!fits) return ERN_OK;
+  ERN_TRY(copy_picture(clip, pictures, torso->data, &copy));
+  pthread_mutex_lock(&clip->mutex);
+  keep_picture(clip, pictures, kept, &copy);
+  pthread_mutex_unlock(&clip->mutex);
+  ern_image_free(clip->context, &copy);
+  return ERN_OK;
+fail:
+  ern_image_free(clip->context, torso);
   return status;
 }
 

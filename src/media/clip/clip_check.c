@@ -14,7 +14,7 @@
 #include "io/landmarks.h"
 #include "media/clip/clip.h"
 
-enum { SENTENCE_BYTES = 2560, REASON_BYTES = 2048, THERE = 1, OPTIONAL = 0, NEEDED = -1 };
+enum { SENTENCE_BYTES = 2560, REASON_BYTES = 2048, PATH_BYTES = 4096, THERE = 1, OPTIONAL = 0, NEEDED = -1 };
 
 static const double frame_rate = 25; /* a second, of the video and of the feature windows */
 
@@ -86,7 +86,7 @@ static void check_poses(struct report *report) {
 }
 
 static void check_background(struct report *report) {
-  char path[REASON_BYTES];
+  char path[PATH_BYTES];
   int width = 0, height = 0;
   const ern_pose_list *train = &report->lists[ERN_SPLIT_TRAIN];
   snprintf(path, sizeof path, "%s/%s", report->folder, ern_clip_content(ERN_CLIP_BACKGROUND));
@@ -264,7 +264,7 @@ static void check_features(struct report *report) {
       "of it.";
   ern_features features = {0};
   double change = 0;
-  char path[REASON_BYTES];
+  char path[PATH_BYTES];
   ern_status status = ern_clip_features_name(report->context, report->folder, NULL, &report->features_name);
   if (status == ERN_OK) {
     snprintf(path, sizeof path, "%s/%s", report->folder, report->features_name);
@@ -327,7 +327,7 @@ static void check_blink(struct report *report) {
 
 /* Only the viewer needs the sound: an error in it does not prevent training. */
 static void check_sound(struct report *report) {
-  char path[REASON_BYTES];
+  char path[PATH_BYTES];
   bool there = false;
   ern_sound sound = {0};
   int64_t img_id = 0, aud_id = 0;

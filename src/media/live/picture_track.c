@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "core/format.h"
+#include "core/machine.h"
 #include "core/memory.h"
 #include "media/video/video_frame.h"
 
@@ -84,6 +85,13 @@ static void set_picture(AVCodecContext *made, const struct ern_picture_track *tr
   made->sample_aspect_ratio = av_d2q(aspect > 0 ? aspect : 1, MOST_ASPECT);
 }
 
+/* Fixed numbers: an encoder's threads decide bits of the file. x264 codes a frame in each of six threads, and looks
+ * ahead in two more. */
+static int threads_of(const struct ern_picture_settings *settings) {
+  if (settings->coding != ERN_PICTURES_FILE) return 1;
+  return settings->codec->id == AV_CODEC_ID_H264 ? 6 : 2;
+}
+
 static ern_status open_encoder(struct ern_muxer *muxer, struct ern_picture_track *track, AVRational rate,
                                const struct ern_picture_settings *settings) {
   ern_context *context = muxer->context;
@@ -106,7 +114,7 @@ static ern_status open_encoder(struct ern_muxer *muxer, struct ern_picture_track
   if (muxer->container->oformat->flags & AVFMT_GLOBALHEADER) made->flags |= AV_CODEC_FLAG_GLOBAL_HEADER;
   const locale_t host = ern_locale_plain(); /* settings of encoders are text, and x264 writes them into the stream */
   int error = raw ? 0 : set_options(made, settings);
-  made->thread_count = coding == ERN_PICTURES_FILE ? 2 : 1;
+  made->thread_count = threads_of(settings);
   const int opened = error >= 0 ? avcodec_open2(made, codec, NULL) : error;
   ern_locale_restore(host);
   if (error == AVERROR_OPTION_NOT_FOUND) {
@@ -121,10 +129,17 @@ static ern_status open_encoder(struct ern_muxer *muxer, struct ern_picture_track
   return ERN_OK;
 }
 
+/* Threads of the conversion of a file's pictures; they change no bit of it. */
+static int conversion_threads(enum ern_picture_coding coding) {
+  const int cores = ern_machine_cores();
+  if (coding != ERN_PICTURES_FILE) return 1;
+  return cores < 4 ? cores : 4;
+}
+
 /* For width x height pixels. RGB, full range, to BT.709 Y'CbCr, limited range; chroma sited as H.264's default
  * ("left"). Or to another RGB format. */
 static ern_status open_conversion(struct ern_muxer *muxer, const AVCodecContext *codec, int width, int height,
-                                  struct SwsContext **convert) {
+                                  int threads, struct SwsContext **convert) {
   const int *matrix = sws_getCoefficients(SWS_CS_ITU709);
   const bool rgb = is_rgb(codec->pix_fmt);
   struct SwsContext *made = *convert = sws_alloc_context();
@@ -142,12 +157,15 @@ static ern_status open_conversion(struct ern_muxer *muxer, const AVCodecContext 
                  {"dst_range", rgb},
                  {"dst_h_chr_pos", 0},
                  {"dst_v_chr_pos", 128},
+                 {"threads", rgb ? 1 : threads},
                  {"sws_flags", SWS_BICUBIC | SWS_FULL_CHR_H_INP | SWS_ACCURATE_RND | SWS_BITEXACT}};
   for (size_t i = 0; i < sizeof options / sizeof *options && error >= 0; i++) {
     error = av_opt_set_int(made, options[i].name, options[i].value, 0);
   }
   if (error >= 0 && !rgb) error = sws_setColorspaceDetails(made, matrix, 1, matrix, 0, 0, 1 << 16, 1 << 16);
   if (error >= 0) error = sws_init_context(made, NULL, NULL);
+  if (error >= 0 && !rgb && threads > 1) /* the threads' own contexts exist now */
+    error = sws_setColorspaceDetails(made, matrix, 1, matrix, 0, 0, 1 << 16, 1 << 16);
   if (error < 0) return ern_av_fail(muxer->context, ERN_E_MEDIA, muxer->path, "convert the colours", error);
   return ERN_OK;
 }
@@ -180,7 +198,8 @@ ern_status ern_picture_track_open(struct ern_muxer *muxer, int width, int height
   ern_status status = ERN_OK;
   *track = (struct ern_picture_track){.width = width, .height = height};
   ERN_TRY(open_encoder(muxer, track, rate, settings));
-  ERN_TRY(open_conversion(muxer, track->codec, track->codec->width, track->codec->height, &track->convert));
+  ERN_TRY(open_conversion(muxer, track->codec, track->codec->width, track->codec->height,
+                          conversion_threads(settings->coding), &track->convert));
   ERN_TRY(open_frame(muxer, track));
 fail:
   return status;
@@ -197,6 +216,26 @@ static void pad(struct ern_picture_track *track, const uint8_t *rgba) {
   if (track->codec->height > track->height) {
     memcpy(track->padded + height * to, track->padded + (height - 1) * to, to);
   }
+}
+
+static void keep_bytes(void *user, uint8_t *bytes) { (void)user, (void)bytes; }
+
+/* Writes rgba [codec->height][codec->width][4] to track->frame. */
+static int convert(struct ern_picture_track *track, const uint8_t *rgba) {
+  const int width = track->codec->width, height = track->codec->height;
+  int error = AVERROR(ENOMEM);
+  AVFrame *from = av_frame_alloc();
+  if (from == NULL) return error;
+  from->format = AV_PIX_FMT_RGB0;
+  from->width = width;
+  from->height = height;
+  from->data[0] = (uint8_t *)rgba; /* is read alone */
+  from->linesize[0] = 4 * width;
+  from->buf[0] =
+      av_buffer_create(from->data[0], 4 * (size_t)width * (size_t)height, keep_bytes, NULL, AV_BUFFER_FLAG_READONLY);
+  if (from->buf[0] != NULL) error = sws_scale_frame(track->convert, track->frame, from);
+  av_frame_free(&from);
+  return error;
 }
 
 /* Encodes track->frame. */
@@ -218,10 +257,7 @@ ern_status ern_picture_track_add(struct ern_muxer *muxer, struct ern_picture_tra
                                 (const ptrdiff_t[4]){frame->linesize[0], frame->linesize[1], frame->linesize[2]},
                                 AV_PIX_FMT_YUV420P, AVCOL_RANGE_MPEG, frame->width, frame->height);
   if (rgba != NULL && track->padded != NULL) pad(track, rgba);
-  const uint8_t *const from[4] = {track->padded != NULL ? track->padded : rgba};
-  const int from_bytes[4] = {track->codec->width * 4};
-  if (rgba != NULL)
-    error = sws_scale(track->convert, from, from_bytes, 0, track->codec->height, frame->data, frame->linesize);
+  if (rgba != NULL) error = convert(track, track->padded != NULL ? track->padded : rgba);
   if (error < 0) ERN_TRY(ern_av_fail(context, ERN_E_MEDIA, muxer->path, "convert the colours", error));
   status = encode(muxer, track);
 fail:
@@ -234,7 +270,7 @@ static ern_status prepare_patch(struct ern_muxer *muxer, struct ern_picture_trac
   if (track->patch != NULL && track->patch->width == width && track->patch->height == height) return ERN_OK;
   av_frame_free(&track->patch);
   sws_freeContext(track->convert_patch);
-  ERN_TRY(open_conversion(muxer, track->codec, width, height, &track->convert_patch));
+  ERN_TRY(open_conversion(muxer, track->codec, width, height, 1, &track->convert_patch));
   ERN_TRY(make_frame(muxer, track->codec, width, height, &track->patch));
 fail:
   return status;

@@ -376,6 +376,8 @@ static int finish(struct live_job *job, int status) {
                  "%llu of %llu frames are left as recorded: the face is too small or too near the edge, or the "
                  "model has no head there",
                  (unsigned long long)job->as_recorded, (unsigned long long)job->drawn);
+  if (job->sound.url != NULL && !mute && atomic_load(&job->sound.samples_pushed) == 0)
+    session_warn(session, "%s: no sound came from it", job->sound.url);
   session_note(session, "live: %llu frames written, %llu repeated, %llu left out, %llu skipped: %s", written,
                (unsigned long long)job->repeated, left, (unsigned long long)job->skipped, job->output.url);
   if (!job->unpaced) rate_control_summary(&job->rate_control, 0);

@@ -32,6 +32,14 @@ static void remember(struct live_sound *sound, const char *text) {
   (void)pthread_mutex_unlock(&sound->mutex);
 }
 
+/* An input that ended before its first sample. */
+static ern_status no_sound(struct live_sound *sound, const char *url) {
+  char text[TEXT_BYTES];
+  snprintf(text, sizeof text, "%.1500s: ended without a sample of sound, expected some", url);
+  remember(sound, text);
+  return ERN_E_MISSING;
+}
+
 static void remember_error(struct live_sound *sound) {
   char text[TEXT_BYTES];
   (void)ern_last_error_copy(sound->context, text, sizeof text);
@@ -110,7 +118,7 @@ static ern_status play(struct live_sound *sound, const char *url, unsigned utter
   ern_sound_reader_free(&reader);
   free(samples);
   if (status != ERN_OK && status != ERN_E_CANCELLED) remember_error(sound);
-  return status;
+  return status == ERN_OK && !begun ? no_sound(sound, url) : status;
 }
 
 /* Lets espeak-ng synthesise a sound file from a text, and plays it. */

@@ -8,7 +8,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-static const double share = 0.05 /* of the shorter side */, ground = 0.6 /* its opacity */;
+static const double share = 0.05 /* of the shorter side */, least = 5 /* pixels, to be read */,
+                    ground = 0.6 /* its opacity */;
 
 void label_options(struct label *label, struct option options[LABEL_OPTIONS]) {
   const struct option rows[] = {{.name = "label",
@@ -16,7 +17,7 @@ void label_options(struct label *label, struct option options[LABEL_OPTIONS]) {
                                  .target = &label->text,
                                  .choices = "TEXT",
                                  .help = "text drawn on the frames that says what they are, such as \"made by AI\"; "
-                                         "its capitals are 5 % of the shorter side high"},
+                                         "its capitals are 5 % of the shorter side high, 5 pixels at least"},
                                 {.name = "label-time",
                                  .kind = OPTION_SECONDS,
                                  .target = &label->seconds,
@@ -169,7 +170,7 @@ static void take_pixels(struct label *label, cairo_surface_t *surface) {
 
 static int draw(struct label *label, struct session *session, const char *family, int width, int height) {
   cairo_text_extents_t box;
-  const double capital = ceil(share * (width < height ? width : height)), margin = ceil(capital / 2);
+  const double capital = fmax(least, ceil(share * (width < height ? width : height))), margin = ceil(capital / 2);
   const double size = measure(family, label->text, capital, &box);
   if (!(size > 0)) return session_fail_with(session, "--label: no font here can draw \"%s\"", label->text);
   label->width = (int)ceil(box.width + 2 * margin);

@@ -328,10 +328,8 @@ int sink_open(struct sink *sink, struct session *session, int width, int height,
   if (sink->kind == SINK_VIDEO && open_video(sink, session, sound, sound_start) != 0) return EXIT_FAILURE;
   if (sink->kind == SINK_STREAM && open_stream(sink, session, sound, sound_start) != 0) return EXIT_FAILURE;
   queue_make(&sink->queue, SINK_PICTURES);
-  if (pthread_create(&sink->writer, NULL, writer_main, sink) != 0) {
-    queue_free(&sink->queue);
+  if (pthread_create(&sink->writer, NULL, writer_main, sink) != 0)
     return session_fail_with(session, "the system refused a thread that writes");
-  }
   sink->running = true;
   return 0;
 }
@@ -341,7 +339,6 @@ static void end_writer(struct sink *sink) {
   if (!sink->running) return;
   queue_end(&sink->queue);
   pthread_join(sink->writer, NULL);
-  queue_free(&sink->queue);
   sink->running = false;
 }
 
@@ -350,12 +347,13 @@ static int report_error(const struct sink *sink, struct session *session) {
 }
 
 int sink_next(struct sink *sink, struct session *session, ern_frame_output *output) {
-  const int place = sink->running ? queue_wait_for_slot(&sink->queue) : QUEUE_CLOSED;
+  const int place = sink->running ? queue_wait_for_slot_of(&sink->queue, sink->begun) : QUEUE_CLOSED;
   if (place == QUEUE_CLOSED) {
     end_writer(sink);
     return report_error(sink, session);
   }
   const struct sink_picture *picture = &sink->pictures[place];
+  sink->begun++;
   *output = (ern_frame_output){.rgba = picture->rgba,
                                .rgb = picture->rgb,
                                .alpha = picture->alpha,
@@ -366,7 +364,7 @@ int sink_next(struct sink *sink, struct session *session, ern_frame_output *outp
 }
 
 void sink_put(struct sink *sink, size_t number) {
-  const int place = queue_wait_for_slot(&sink->queue); /* the place of sink_next */
+  const int place = queue_wait_for_slot(&sink->queue); /* the place of the oldest sink_next */
   if (place == QUEUE_CLOSED) return;                   /* the next sink_next reports the error */
   sink->pictures[place].number = number;
   queue_push(&sink->queue);
@@ -377,7 +375,7 @@ bool sink_takes_recorded(const struct sink *sink) {
 }
 
 int sink_put_patched(struct sink *sink, struct session *session, const ern_video_frame *recorded, const int part[4]) {
-  const int place = queue_wait_for_slot(&sink->queue); /* the place of sink_next */
+  const int place = queue_wait_for_slot(&sink->queue); /* the place of the oldest sink_next */
   if (place == QUEUE_CLOSED) return 0;                 /* the next sink_next reports the error */
   struct sink_picture *picture = &sink->pictures[place];
   if (ern_video_frame_clone(session->context, recorded, &picture->recorded) != ERN_OK) return session_fail(session);
@@ -397,6 +395,7 @@ int sink_close(struct sink *sink, struct session *session) {
 void sink_free(struct sink *sink) {
   if (sink->running) queue_break(&sink->queue);
   end_writer(sink);
+  if (sink->queue.places > 0) queue_free(&sink->queue);
   ern_video_writer_abandon(&sink->video);
   ern_stream_writer_abandon(&sink->stream);
   free(sink->samples);

@@ -30,8 +30,8 @@ struct sink_picture {
   int part[4];                                  /* x, y, width, height; no width: nothing is replaced */
 };
 
-/* One is drawn while another is written and a third waits, so that frames of uneven cost stall neither thread. */
-enum { SINK_PICTURES = 3 };
+/* Two are drawn while another is written and a fourth waits, so that frames of uneven cost stall no thread. */
+enum { SINK_PICTURES = 4 };
 
 struct sink {
   /* from the command line */
@@ -52,6 +52,7 @@ struct sink {
   float *channels;             /* for SINK_EXR, the data to write: [height][width][channels] */
   bool has_attention, has_eye; /* channels of SINK_EXR */
   struct bounded_queue queue;  /* pictures on their way to the writer */
+  size_t begun;                /* calls of sink_next */
   pthread_t writer;
   bool running;
   ern_context *context;
@@ -86,9 +87,10 @@ int sink_check(const struct sink *sink, struct session *session, const struct fr
 int sink_open(struct sink *sink, struct session *session, int width, int height, struct rate rate,
               const ern_model_info *model, const ern_sound *sound, double sound_start,
               const ern_provenance *provenance);
-/* Waits for a free place and sets *output to its buffers for the renderer. Fails if the writer has failed. */
+/* Waits for a free place and sets *output to its buffers for the renderer. Fails if the writer has failed. At most
+ * SINK_PICTURES - 1 pictures may be drawn at a time, each by a thread of its own; one thread at a time calls this. */
 int sink_next(struct sink *sink, struct session *session, ern_frame_output *output);
-/* Hands the picture of the last sink_next to the writer. `number` names its picture. */
+/* Hands the picture of the oldest sink_next to the writer. `number` names its picture. One thread at a time. */
 void sink_put(struct sink *sink, size_t number);
 /* Whether sink_put_patched may be called: the output is a video of yuv420p. */
 bool sink_takes_recorded(const struct sink *sink);

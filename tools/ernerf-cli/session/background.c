@@ -197,79 +197,114 @@ int background_torso(struct background *background, struct session *session, ern
   return status == ERN_OK ? 0 : session_fail_with(session, "%s", words_of(session->context, status));
 }
 
-/* ---- reading ahead: the reader's thread -------------------------------------------------------------------------- */
+/* ---- reading ahead: the readers' threads ------------------------------------------------------------------------- */
 
-static bool read_torso(struct background *background, const struct source_frame *source_frame, uint8_t *to) {
-  const uint8_t *rgba = NULL;
-  const ern_status status =
-      get_torso(background, background->context, background->clip, source_frame->split, source_frame->index, &rgba);
-  if (status == ERN_OK)
-    memcpy(to, rgba, (size_t)background->width * (size_t)background->height * 4);
-  else
-    background->error = strdup(words_of(background->context, status));
-  return status == ERN_OK;
+static ern_status read_torso(const struct background *background, const struct source_frame *source_frame,
+                             ern_image *torso) {
+  ern_status status = ern_clip_torso(background->clip, source_frame->split, source_frame->index, torso);
+  if (status != ERN_OK || (torso->width == background->width && torso->height == background->height)) return status;
+  ern_image stored = *torso;
+  *torso = (ern_image){0};
+  status = fit_image(background, background->context, &stored, resize_rgba, torso);
+  ern_image_free(background->context, &stored);
+  return status;
+}
+
+/* The number of the next frame to read, once a place is free; at the end or when stopped, the number of frames. */
+static size_t begin_frame(struct background *background) {
+  const size_t count = background->frame_source->count;
+  pthread_mutex_lock(&background->mutex);
+  while (!background->stopped && background->begun < count &&
+         background->begun - background->released == background->places)
+    pthread_cond_wait(&background->moved, &background->mutex);
+  const size_t k = background->stopped ? count : background->begun;
+  background->begun += k < count;
+  pthread_mutex_unlock(&background->mutex);
+  return k;
 }
 
 static void *reader_main(void *argument) {
   struct background *background = argument;
-  for (size_t k = 0; k < background->frame_source->count; k++) {
-    const int place = queue_wait_for_slot(&background->queue);
-    if (place == QUEUE_CLOSED) return NULL;
+  for (size_t k; (k = begin_frame(background)) < background->frame_source->count;) {
+    struct background_torso *torso = &background->torso[k % background->places];
     const double began = session_seconds();
-    const bool read = read_torso(background, &background->frame_source->source_frame[k], background->torso[place]);
-    background->seconds += session_seconds() - began;
-    if (!read) break;
-    queue_push(&background->queue);
+    const ern_status status = read_torso(background, &background->frame_source->source_frame[k], &torso->image);
+    const double seconds = session_seconds() - began;
+    pthread_mutex_lock(&background->mutex);
+    torso->state = status == ERN_OK ? TORSO_READ : TORSO_FAILED;
+    background->seconds += seconds;
+    pthread_cond_broadcast(&background->moved);
+    pthread_mutex_unlock(&background->mutex);
   }
-  queue_end(&background->queue);
   return NULL;
+}
+
+/* Decoding a picture takes longer than a GPU draws the frame. Drawing and encoding need the other cores. */
+static size_t readers_of(int cores) {
+  const int readers = cores < 2 ? 1 : 2 + cores / 4;
+  return readers < BACKGROUND_READERS ? (size_t)readers : BACKGROUND_READERS;
 }
 
 int background_read(struct background *background, struct session *session, ern_clip *clip,
                     const struct frame_source *frame_source) {
-  const size_t bytes = (size_t)background->width * (size_t)background->height * 4; /* at most 2^28 */
+  const size_t readers = readers_of(session->backend_info.threads);
   background->context = session->context;
   background->clip = clip;
   background->frame_source = frame_source;
-  for (size_t i = 0; i < BACKGROUND_TORSOS; i++) {
-    background->torso[i] = malloc(bytes);
-    if (background->torso[i] == NULL) return session_fail_with(session, "no memory for a torso picture");
-  }
-  queue_make(&background->queue, BACKGROUND_TORSOS);
-  if (pthread_create(&background->reader, NULL, reader_main, background) != 0) {
-    queue_free(&background->queue);
-    return session_fail_with(session, "the system refused a thread that reads");
-  }
-  background->running = true;
-  return 0;
+  background->places = readers + BACKGROUND_WAITING;
+  pthread_mutex_init(&background->mutex, NULL); /* neither fails on Linux */
+  pthread_cond_init(&background->moved, NULL);
+  while (background->readers < readers &&
+         pthread_create(&background->reader[background->readers], NULL, reader_main, background) == 0)
+    background->readers++;
+  return background->readers > 0 ? 0 : session_fail_with(session, "the system refused a thread that reads");
 }
 
-static void end_reader(struct background *background) {
-  if (!background->running) return;
-  queue_break(&background->queue);
-  pthread_join(background->reader, NULL);
-  queue_free(&background->queue);
-  background->running = false;
+static void end_readers(struct background *background) {
+  pthread_mutex_lock(&background->mutex);
+  background->stopped = true;
+  pthread_cond_broadcast(&background->moved);
+  pthread_mutex_unlock(&background->mutex);
+  for (; background->readers > 0; background->readers--)
+    pthread_join(background->reader[background->readers - 1], NULL);
 }
 
+/* A picture that a reader failed to read is read again here, after the readers' end: the error text is then that of
+ * this frame, whichever of them failed last. */
 int background_next_torso(struct background *background, struct session *session, const uint8_t **rgba) {
-  *rgba = NULL;
-  if (background->holding) queue_pop(&background->queue);
-  const int place = queue_wait_for_item(&background->queue);
-  background->holding = place != QUEUE_CLOSED;
-  if (place == QUEUE_CLOSED) {
-    end_reader(background);
-    return session_fail_with(session, "%s", background->error != NULL ? background->error : "no more torso pictures");
+  const size_t k = background->taken++;
+  struct background_torso *torso = &background->torso[k % background->places];
+  pthread_mutex_lock(&background->mutex);
+  while (torso->state == TORSO_EMPTY && !background->stopped) pthread_cond_wait(&background->moved, &background->mutex);
+  const bool read = torso->state == TORSO_READ;
+  pthread_mutex_unlock(&background->mutex);
+  if (!read) {
+    end_readers(background);
+    const ern_status status = read_torso(background, &background->frame_source->source_frame[k], &torso->image);
+    if (status != ERN_OK) return session_fail_with(session, "%s", words_of(session->context, status));
   }
-  *rgba = background->torso[place];
+  *rgba = torso->image.data;
   return 0;
+}
+
+void background_release_torso(struct background *background) {
+  struct background_torso *torso = &background->torso[background->released % background->places];
+  ern_image_free(background->context, &torso->image);
+  pthread_mutex_lock(&background->mutex);
+  torso->state = TORSO_EMPTY;
+  background->released++;
+  pthread_cond_broadcast(&background->moved);
+  pthread_mutex_unlock(&background->mutex);
 }
 
 void background_free(struct background *background, struct session *session) {
-  end_reader(background);
+  if (background->places > 0) {
+    end_readers(background);
+    for (size_t i = 0; i < background->places; i++) ern_image_free(session->context, &background->torso[i].image);
+    pthread_cond_destroy(&background->moved);
+    pthread_mutex_destroy(&background->mutex);
+  }
   ern_image_free(session->context, &background->image);
   ern_image_free(session->context, &background->resized);
-  for (size_t i = 0; i < BACKGROUND_TORSOS; i++) free(background->torso[i]);
-  free(background->error);
   *background = (struct background){0};
 }

@@ -449,9 +449,9 @@ int session_check_json_not_input(struct session *session, const char *folder) {
 
 static int keep_clip(struct session *session, const char *clip, const char *output) {
   char path[4096];
-  const char *name;
-  for (size_t i = 0; (name = ern_clip_content(i)) != NULL; i++) {
-    if (snprintf(path, sizeof path, "%s/%s", clip, name) >= (int)sizeof path) continue; /* nobody can open it */
+  for (size_t i = 0; ern_clip_content(i) != NULL; i++) {
+    if (snprintf(path, sizeof path, "%s/%s", clip, ern_clip_content(i)) >= (int)sizeof path)
+      continue; /* not openable */
     if (keep_file(session, path, output) != 0) return EXIT_FAILURE;
     if (session_lies_in(output, path))
       return session_fail_with(session, "%s: is among the clip's pictures in %s, expected another folder", output,
@@ -460,10 +460,39 @@ static int keep_clip(struct session *session, const char *clip, const char *outp
   return 0;
 }
 
+static bool is_clip_content(const char *name) {
+  size_t i = 0;
+  while (ern_clip_content(i) != NULL && strcmp(ern_clip_content(i), name) != 0) i++;
+  return ern_clip_content(i) != NULL;
+}
+
+static bool is_clip(const char *folder) {
+  char train[PLACE_BYTES + 32];
+  return snprintf(train, sizeof train, "%s/transforms_train.json", folder) < (int)sizeof train &&
+         access(train, F_OK) == 0;
+}
+
+/* Fails if `output` is there and is CLIP/FILE or CLIP/FOLDER/PICTURE of a clip, whether the verb reads that or not. */
+static int keep_any_clip(struct session *session, const char *output) {
+  char place[PLACE_BYTES], *slash;
+  if (access(output, F_OK) != 0 || !place_of(output, place)) return 0;
+  for (int up = 0; up < 2 && (slash = strrchr(place, '/')) != NULL; up++) {
+    const bool made = session->makes_features && strstr(slash, ".npy") != NULL;
+    *slash = 0;
+    if (!made && is_clip_content(slash + 1) && is_clip(place))
+      return session_fail_with(session, "%s: is a part of the clip %s, expected another name for the output", output,
+                               place);
+  }
+  return 0;
+}
+
 int session_check_not_input(struct session *session, const char *input, const char *output) {
   struct stat about;
   if (input == NULL || output == NULL || stat(input, &about) != 0) return 0;
-  return S_ISDIR(about.st_mode) ? keep_clip(session, input, output) : keep_file(session, input, output);
+  if (!S_ISDIR(about.st_mode)) return keep_file(session, input, output);
+  if (is_clip(input) || access(output, F_OK) != 0 || !session_lies_in(output, input))
+    return keep_clip(session, input, output);
+  return session_fail_with(session, "%s: is in %s and is an input, expected another name", output, input);
 }
 
 int session_check_not_inputs(struct session *session, const char *output) {
@@ -514,8 +543,7 @@ bool session_folder_there(const char *path) {
   char folder[4096];
   struct stat about;
   const char *slash = strrchr(path, '/');
-  if (slash == NULL) return true;
-  if (slash == path) return true;
+  if (slash == NULL || slash == path) return true;
   if (snprintf(folder, sizeof folder, "%.*s", (int)(slash - path), path) >= (int)sizeof folder) return false;
   return stat(folder, &about) == 0 && S_ISDIR(about.st_mode);
 }
@@ -525,6 +553,7 @@ int session_check_output(struct session *session, const char *path) {
   if (!session_folder_there(path)) return session_fail_with(session, "%s: its folder is not there", path);
   if (session_check_not_inputs(session, path) != 0 || session_check_distinct_output(session, path) != 0)
     return EXIT_FAILURE;
+  if (session->overwrite && keep_any_clip(session, path) != 0) return EXIT_FAILURE;
   if (!session->overwrite && stat(path, &about) == 0 && S_ISREG(about.st_mode))
     return session_fail_with(session, "%s: is there already; --overwrite (-y) replaces it", path);
   return ern_file_check_output(session->context, path) == ERN_OK ? 0 : session_fail(session);

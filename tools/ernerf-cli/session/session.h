@@ -33,6 +33,7 @@ struct session {
   bool overwrite; /* replace existing files */
   bool rewrites; /* set by a verb before session_open: it rewrites its own files repeatedly, and protects other existing
                     files itself */
+  bool makes_features;                /* set by a verb: its outputs may replace the features of a clip */
   const char *inputs[SESSION_INPUTS]; /* input files and clips, NULL: none; set by a verb before session_open */
   struct stat seen[SESSION_INPUTS];   /* of the input files by session_open; all 0: no regular file */
   const char *json;                   /* NULL: none, "-": standard output, else a file */
@@ -96,8 +97,8 @@ int session_write_json(struct session *session, const char *path, json_t *object
  * or none if one cannot be written or `status` is not 0. Returns `status`, or EXIT_FAILURE after a message. */
 void session_stage(struct session *session);
 int session_write_staged(struct session *session, int status);
-/* Fails if a file exists at `path` without --overwrite, if it is an input or another output, if `path` cannot be a
- * file, or if its folder does not exist. Call it once for each output, before the work begins. */
+/* Fails if a file exists at `path` without --overwrite, if it is an input, a part of any clip or another output, if
+ * `path` cannot be a file, or if its folder does not exist. Call it once for each output, before the work begins. */
 int session_check_output(struct session *session, const char *path);
 /* The same for FOLDER/NAME with each of `count` names; the folder may be missing. */
 int session_check_outputs(struct session *session, const char *folder, const char *const *names, size_t count);
@@ -113,8 +114,8 @@ json_t *session_number(double value);
 /* An integer; from 2^63 on, which exceeds the JSON library's integers, a string of its digits. */
 json_t *session_whole(uint64_t value);
 
-/* Fails if `output` is the file `input` or a file of the clip `input`, even under another name, or if it lies in a
- * picture folder of the clip. NULL: none. */
+/* Fails if `output` is the file `input` or a file of the clip `input`, even under another name, if it lies in a picture
+ * folder of the clip, or if it is there in another folder `input`, such as one of landmarks. NULL: none. */
 int session_check_not_input(struct session *session, const char *input, const char *output);
 /* The same for all inputs. */
 int session_check_not_inputs(struct session *session, const char *output);

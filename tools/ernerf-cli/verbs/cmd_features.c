@@ -2,6 +2,7 @@
  * ernerf features: computes the speech features of a sound. */
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "ernerf/media.h"
 #include "ernerf/speech.h"
@@ -20,6 +21,7 @@ static int make(struct features_job *job) {
   struct speech_model *speech_model = &job->speech_model;
   ern_features features = {0};
   const double began = session_seconds();
+  session->makes_features = true;
   if (session_check_output(session, job->out) != 0 || speech_model_open(speech_model, session, NULL, NULL) != 0)
     return EXIT_FAILURE;
   const char *kind =
@@ -76,6 +78,9 @@ int cmd_features(int argc, char **argv) {
   session_output_options(&job.session, output);
   int status = args_parse(&args, argc, argv);
   if (status < 0 && job.out == NULL) status = args_refuse(&args, "-o FILE.npy is missing");
+  const char *dot = job.out != NULL ? strrchr(job.out, '.') : NULL;
+  if (status < 0 && (dot == NULL || strcmp(dot, ".npy") != 0))
+    status = args_refuse(&args, "-o is \"%s\", expected a name that ends in .npy", job.out);
   if (status < 0) status = speech_model_check(&job.speech_model, &args, job.sound);
   if (status < 0 && job.speech_model.path != NULL)
     status = args_forbid(&args, "warp", "is for the built-in kind, and --speech-model takes the sound unchanged");

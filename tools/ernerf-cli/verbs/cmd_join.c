@@ -96,7 +96,7 @@ static int check_frames(struct join_job *job) {
     known = frames_of(json_array_get(job->says, k), &first, &end, &rate);
     if (k == 0 && job->start < 0) job->start = known ? (double)first / rate : 0;
     if (!known)
-      session_note(
+      session_warn(
           &job->session,
           "%s: no file beside it (.provenance.json) says which frames it has; they are taken to follow those before",
           job->segments[k]);
@@ -180,7 +180,11 @@ int cmd_join(int argc, char **argv) {
   int status = args_parse(&args, argc, argv);
   if (status < 0 && job.out == NULL) status = args_refuse(&args, "-o OUT.mp4 is missing");
   if (status < 0 && job.wav == NULL) status = args_forbid(&args, "wav-start", "is about the sound of --wav");
+  const char *dot = job.out != NULL ? strrchr(job.out, '.') : NULL;
+  if (status < 0 && (dot == NULL || strcasecmp(dot, ".mp4") != 0))
+    status = args_refuse(&args, "-o is \"%s\", expected a name that ends in .mp4", job.out);
   job.session.inputs[0] = job.wav;
+  job.session.inputs[1] = job.folder; /* with its provenance files */
   if (status < 0) status = session_open(&job.session, &args);
   if (status >= 0) return status;
   status = join(&job);

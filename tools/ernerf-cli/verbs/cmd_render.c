@@ -7,51 +7,13 @@
 #include <string.h>
 
 #include "ernerf/speech.h"
-#include "output/label.h"
-#include "output/progress.h"
-#include "output/provenance_output.h"
-#include "output/sink.h"
-#include "output/watermark_output.h"
-#include "session/background.h"
-#include "session/control.h"
-#include "session/frame_reuse.h"
-#include "session/portrait.h"
-#include "session/rate_control.h"
 #include "session/settings.h"
-#include "session/silence_pose.h"
 #include "verbs.h"
+#include "verbs/render_job.h"
 
 /* PICTURE_BYTES: memory for the clip's torso pictures without --memory: practically none. They are read in advance, and
  * seldom used twice. */
-enum { AUDIO_WINDOWS = 8, OWN_OPTIONS = 10, PICTURE_BYTES = 1 };
-
-struct render_job {
-  struct session session;
-  struct portrait portrait;
-  struct rate_control rate_control;
-  struct control control;
-  struct silence_pose silence_pose;
-  struct frame_reuse frame_reuse;
-  struct provenance provenance;
-  struct label label;
-  struct watermark watermark;
-  /* from the command line */
-  const char *poses, *audio, *wav, *background_file, *out;
-  struct dimensions size;
-  int fit; /* ern_fit */
-  struct rate rate;
-  /* made */
-  struct sink sink;
-  struct frame_source frame_source;
-  struct background background;
-  ern_features own_features; /* of --audio */
-  const ern_features *features;
-  ern_sound sound;
-  double sound_start; /* seconds */
-  float *windows;
-  uint8_t *look;          /* [height][width][4]: for the rate control's calibration; NULL: none */
-  ern_frame_times stages; /* drawing time by stage, milliseconds, summed over the frames */
-};
+enum { OWN_OPTIONS = 10, PICTURE_BYTES = 1 };
 
 /* ---- words ------------------------------------------------------------------------------------------------------- */
 
@@ -182,8 +144,7 @@ static int open_features(struct render_job *job) {
   }
   speech_model_close(&job->portrait.source.speech_model); /* frees its memory for the frames */
   if (ern_renderer_accepts(job->portrait.renderer, job->features, name) != ERN_OK) return session_fail(session);
-  job->windows = malloc((size_t)AUDIO_WINDOWS * (size_t)job->features->window_length * (size_t)job->features->width *
-                        sizeof(float));
+  job->windows = malloc(render_window_bytes(job));
   return job->windows != NULL ? 0 : session_fail_with(session, "no memory for windows of %s", name);
 }
 
@@ -235,11 +196,6 @@ static int open_sound(struct render_job *job) {
   return 0;
 }
 
-/* Whether the head is rendered over the torso pictures of the clip. */
-static bool is_behind(const struct render_job *job) {
-  return job->portrait.clip != NULL && !job->portrait.info.has_torso && job->portrait.clip_info.has_torso;
-}
-
 static int open_background(struct render_job *job) {
   const int width = job->size.width, height = job->size.height;
   int status = background_open(&job->background, &job->session, job->background_file, job->portrait.clip, width, height,
@@ -263,7 +219,7 @@ static void say_plan(struct render_job *job) {
                : job->sound.data != NULL   ? "with sound"
                                            : "without sound",
                job->session.backend_info.name, job->session.backend_info.isa, job->out);
-  if (is_behind(job) && job->frame_source.frame != NULL)
+  if (render_is_behind(job) && job->frame_source.frame != NULL)
     session_note(&job->session,
                  "render: the head is drawn for each frame, over the nearest of the clip's torso pictures");
   const size_t silent = silence_pose_count(&job->silence_pose, &job->frame_source);
@@ -275,37 +231,11 @@ static void say_plan(struct render_job *job) {
 
 /* ---- drawing ----------------------------------------------------------------------------------------------------- */
 
-/* Frame k over `torso`, which may be NULL. */
-static ern_status draw_frame(struct render_job *job, ern_renderer *renderer, size_t k, const uint8_t *torso,
-                             const ern_frame_output *output, ern_frame_times *times) {
-  const struct source_frame *source_frame = &job->frame_source.source_frame[k];
-  float refined[16];
-  frame_source_windows(&job->frame_source, k, job->features, (ern_audio_pad)job->portrait.audio_pad, job->windows);
-  const ern_camera camera = frame_source_camera(&job->frame_source, k, job->portrait.scale, job->size.width,
-                                                job->size.height, (ern_fit)job->fit);
-  const ern_frame_input input = {.camera = camera,
-                                 .head_pose = portrait_refined(&job->portrait, &job->frame_source, k, refined),
-                                 .windows = job->windows,
-                                 .window_length = job->features->window_length,
-                                 .eye = source_frame->eye,
-                                 .individual = ERN_INDIVIDUAL_MEAN,
-                                 .background = job->background.image.data,
-                                 .torso = torso,
-                                 .silence_code = job->silence_pose.code,
-                                 .silence_weight = silence_pose_weight(&job->silence_pose, &job->frame_source, k)};
-  return ern_renderer_frame(renderer, &input, output, times);
-}
-
-static int fail_frame(struct render_job *job, size_t k) {
-  return session_fail_with(&job->session, "%s, frame %zu: %s", job->portrait.model_path,
-                           job->frame_source.source_frame[k].number, ern_last_error(job->session.context));
-}
-
 /* For the rate control's calibration: without the clip's torso picture, which takes the same time with all settings. */
 static int draw_for_calibration(void *user, ern_renderer *renderer, size_t k, float *rgb) {
   struct render_job *job = user;
   const ern_frame_output output = {.rgba = job->look, .rgb = rgb};
-  return draw_frame(job, renderer, k, NULL, &output, NULL) == ERN_OK ? 0 : fail_frame(job, k);
+  return render_frame(job, renderer, k, NULL, job->windows, &output, NULL) == ERN_OK ? 0 : render_fail(job, k);
 }
 
 static int open_rate_control(struct render_job *job, const struct args *args) {
@@ -317,26 +247,6 @@ static int open_rate_control(struct render_job *job, const struct args *args) {
                            job->size, draw_for_calibration, job);
 }
 
-static int draw(struct render_job *job, size_t k) {
-  const uint8_t *torso = NULL;
-  ern_frame_output output;
-  ern_frame_times times;
-  ern_renderer *renderer =
-      rate_control_asked(&job->rate_control) ? rate_control_renderer(&job->rate_control) : job->portrait.renderer;
-  if (renderer == NULL) return EXIT_FAILURE;
-  if (is_behind(job) && background_next_torso(&job->background, &job->session, &torso) != 0) return EXIT_FAILURE;
-  if (sink_next(&job->sink, &job->session, &output) != 0) return EXIT_FAILURE;
-  if (draw_frame(job, renderer, k, torso, &output, &times) != ERN_OK) return fail_frame(job, k);
-  if (output.rgba != NULL && watermark_put(&job->watermark, &job->session, output.rgba) != 0) return EXIT_FAILURE;
-  if (output.rgba != NULL) label_put(&job->label, (double)k / rate_value(job->rate), output.rgba, job->size.width);
-  sink_put(&job->sink, job->frame_source.source_frame[k].number);
-  job->stages.audio += times.audio;
-  job->stages.torso += times.torso;
-  job->stages.head += times.head;
-  job->stages.output += times.output;
-  return 0;
-}
-
 /* The output contains recorded pictures if it shows the clip's torso, or a background that is not a single colour. */
 static int learn_provenance(struct render_job *job) {
   const char *behind = job->background_file;
@@ -344,7 +254,8 @@ static int learn_provenance(struct render_job *job) {
       behind != NULL ? strcmp(behind, "white") == 0 || strcmp(behind, "black") == 0 : job->portrait.clip == NULL;
   if (job->sink.kind == SINK_RAW) job->provenance.off = true;
   return provenance_learn(&job->provenance, &job->session, &job->portrait,
-                          job->audio != NULL ? job->audio : job->portrait.features_path, one_colour && !is_behind(job));
+                          job->audio != NULL ? job->audio : job->portrait.features_path,
+                          one_colour && !render_is_behind(job));
 }
 
 static int open_all(struct render_job *job, const struct args *args) {
@@ -370,7 +281,7 @@ static int open_all(struct render_job *job, const struct args *args) {
   if (status == 0) status = open_background(job);
   if (status == 0) status = open_rate_control(job, args);
   if (status == 0) status = open_sound(job);
-  if (status == 0 && is_behind(job))
+  if (status == 0 && render_is_behind(job))
     status = background_read(&job->background, session, job->portrait.clip, &job->frame_source);
   if (status == 0) status = learn_provenance(job);
   if (status == 0) status = label_make(&job->label, session, job->size.width, job->size.height);
@@ -444,18 +355,7 @@ static int draw_all(struct render_job *job) {
   const double began = session_seconds();
   say_plan(job);
   progress_begin(&progress, session, "render", "frames");
-  double before = began;
-  for (size_t k = 0; k < job->frame_source.count; k++) {
-    if (session_interrupted())
-      return session_stop_with(session, "stopped at frame %zu of %zu%s", k, job->frame_source.count,
-                               job->sink.kind == SINK_VIDEO ? ", no video was written" : "");
-    if (draw(job, k) != 0) return EXIT_FAILURE;
-    const double now = session_seconds();
-    if (rate_control_asked(&job->rate_control)) rate_control_took(&job->rate_control, 1000 * (now - before));
-    before = now;
-    progress_at(&progress, k + 1, job->frame_source.count,
-                rate_control_asked(&job->rate_control) ? rate_control_name(&job->rate_control) : "");
-  }
+  if (render_frames(job, &progress) != 0) return EXIT_FAILURE;
   if (sink_close(&job->sink, session) != 0) return EXIT_FAILURE;
   if (provenance_write(&job->provenance, session, about_output(job)) != 0) return EXIT_FAILURE;
   progress_end(&progress);

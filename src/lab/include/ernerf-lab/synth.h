@@ -53,7 +53,8 @@ typedef struct ern_synth_options {
 
 ern_synth_options ern_synth_options_default(void);
 
-/* Writes a whole preprocessed clip to `folder`, which must not exist or be empty. Same options: same bytes. */
+/* Writes a whole preprocessed clip to `folder`, which must not exist or be empty. Same options: same bytes. After an
+ * error the folder is as before; ERN_E_EXISTS: a file of others appeared there, and all files stay. */
 ERN_NODISCARD ern_status ern_synth_write(ern_context *context, const char *folder, const ern_synth_options *options);
 
 #endif
