@@ -28,7 +28,7 @@ struct many_rows {
 struct machines_wish {
   bool in_double; /* number 0 is the double build, number 1 the float build */
   bool bf16;      /* also avx512bf16, which differs from avx512 only in rendered networks */
-  bool tensor;    /* also the form of a device that computes layers by tensor cores: only the fused pass has one */
+  bool tensor;    /* also the form of a device that computes layers by tensor cores */
   const char *isa;
   const char *backend; /* "cpu", "opencl" */
   void (*more)(void);  /* adds others, unless one instruction set or a device is requested; NULL: none */

@@ -13,15 +13,20 @@ enum {
   LEAST_TILES = 8,     /* on a CPU. On a GPU tiles in a row only cost time: first come as many parts as can be */
   SUMS_MOST = 1 << 24, /* floats of all parts' sums: 64 MiB */
   GPU_ITEMS = 128,     /* of a group: enough to hide the latency of local memory */
-  FEW_COLUMNS = 16,    /* of a GPU's tile, however few samples there are */
-  SHARE_MOST = 8,      /* items that share a column at most: each has four rows of a block or more */
-  CHUNK = 32,          /* of mlp.cl, as BLOCK */
-  BLOCK = 32
+  TENSOR_ITEMS = 256,  /* likewise, where tensor cores compute */
+  TENSOR_GROUPS = 4, /* of those that a unit holds at a time: as many parts, so that no unit waits for the last ones */
+  TENSOR_REGISTERS = 64, /* of an item: what four groups have of 65,536 */
+  FEW_COLUMNS = 16,      /* of a GPU's tile, however few samples there are */
+  SHARE_MOST = 8,        /* items that share a column at most: each has four rows of a block or more */
+  CHUNK = 32,            /* of mlp.cl, as BLOCK */
+  BLOCK = 32,
+  WARP = 32 /* items that use a tensor core together, and columns of their tiles or a multiple of it */
 };
 
 /* Sizes of a program: see mlp.cl. */
 struct plan {
   int columns, share, vectors, lanes; /* a group has columns*share items */
+  bool tensor;                        /* products by tensor cores */
   size_t tile;                        /* samples of a group */
   char options[OPTION_BYTES];
   size_t used;
@@ -41,11 +46,12 @@ static void say(struct plan *plan, const char *format, ...) {
 
 /* Floats of a row of a tile. */
 static size_t line(const struct plan *plan, bool cpu) {
-  return (size_t)(plan->columns * plan->vectors + (cpu ? 0 : 1)) * (size_t)plan->lanes;
+  return (size_t)(plan->columns * plan->vectors + (cpu ? 0 : plan->tensor ? 4 : 1)) * (size_t)plan->lanes;
 }
 
 /* Bytes of the weights that a GPU's group stages: CHUNK x STAGE_ROW. */
 static size_t stage_bytes(const struct plan *plan) {
+  if (plan->tensor) return 0;
   const size_t share = (size_t)plan->share, rows = (BLOCK / share + 1 + 3) / 4 * 4;
   return CHUNK * share * rows * sizeof(float);
 }
@@ -58,9 +64,10 @@ static size_t local_bytes(const struct plan *plan, bool cpu, size_t channels, si
 }
 
 /* How many items share a column. */
-static int share_for(int columns, const struct ern_cl_device *device) {
+static int share_for(const struct plan *plan, const struct ern_cl_device *device) {
+  const int items = plan->tensor ? TENSOR_ITEMS : GPU_ITEMS, columns = plan->columns;
   int share = 1;
-  while (2 * share * columns <= GPU_ITEMS && (size_t)(2 * share * columns) <= device->group_most && share < SHARE_MOST)
+  while (2 * share * columns <= items && (size_t)(2 * share * columns) <= device->group_most && share < SHARE_MOST)
     share *= 2;
   return share;
 }
@@ -70,6 +77,18 @@ static bool is_too_large(const struct plan *plan, const struct ern_cl_device *de
   return (size_t)(plan->columns * plan->share) > device->group_most ||
          local_bytes(plan, false, channels, 0) > device->local_bytes ||
          (plan->columns > FEW_COLUMNS && n / (size_t)plan->columns < device->units);
+}
+
+/* The largest tile that suits a GPU and n samples, of `most` columns or fewer. */
+static void plan_columns(struct plan *plan, const struct ern_cl_device *device, int most, bool tensor, size_t channels,
+                         size_t n) {
+  plan->tensor = tensor;
+  plan->columns = most;
+  plan->share = share_for(plan, device);
+  while (plan->columns > 1 && is_too_large(plan, device, channels, n)) {
+    plan->columns /= 2;
+    plan->share = share_for(plan, device);
+  }
 }
 
 /* The largest tile that suits the device and n samples, at most of the tunable's size. */
@@ -87,16 +106,14 @@ static void plan_tile(struct plan *plan, const struct ern_cl_backend *backend, e
         plan->lanes = plan->lanes > 4 ? plan->lanes / 2 : 1;
     }
   } else {
-    plan->columns = backend->size[tunable];
-    plan->share = share_for(plan->columns, device);
-    while (plan->columns > 1 && is_too_large(plan, device, channels, n)) {
-      plan->columns /= 2;
-      plan->share = share_for(plan->columns, device);
-    }
+    plan_columns(plan, device, backend->size[tunable], device->tensor, channels, n);
+    if (plan->tensor && plan->columns % WARP != 0)
+      plan_columns(plan, device, backend->size[tunable], false, channels, n);
   }
   plan->tile = (size_t)(plan->columns * plan->vectors * plan->lanes);
-  say(plan, "-D GROUP=%d -D SHARE=%d -D VECTORS=%d -D LANES=%d", plan->columns * plan->share, plan->share,
-      plan->vectors, plan->lanes);
+  say(plan, "-D GROUP=%d -D SHARE=%d -D VECTORS=%d -D LANES=%d -D TENSOR=%d", plan->columns * plan->share, plan->share,
+      plan->vectors, plan->lanes, plan->tensor);
+  if (plan->tensor && device->nvidia) say(plan, " -cl-nv-maxrregcount=%d", TENSOR_REGISTERS);
 }
 
 static size_t plan_items(const struct plan *plan) { return (size_t)(plan->columns * plan->share); }
@@ -193,7 +210,7 @@ ern_status ern_cl_mlp_bwd(struct ern_stream *stream, struct ern_mlp_bwd_args *a)
   say_shape(&plan, &a->forward);
   const size_t part = say_sums(&plan, a, device->cpu);
   const size_t tiles = n / plan.tile + (n % plan.tile != 0), fitting = SUMS_MOST / part;
-  size_t most = device->cpu ? PARTS_CPU : PARTS_GPU;
+  size_t most = device->cpu ? PARTS_CPU : plan.tensor ? TENSOR_GROUPS * device->units : PARTS_GPU;
   if (most > fitting) most = fitting > 0 ? fitting : 1;
   size_t each = (tiles + most - 1) / most;
   if (device->cpu && each < LEAST_TILES) each = LEAST_TILES;

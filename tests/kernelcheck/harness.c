@@ -16,6 +16,7 @@ static struct ern_cl_device *device_of(int k) { return &((struct ern_cl_backend 
 
 bool divides_exactly(int k) { return !is_device(k) || device_of(k)->exact_divide; }
 bool compiles_for_cpus(int k) { return is_device(k) && device_of(k)->cpu; }
+bool is_gpu(int k) { return is_device(k) && !device_of(k)->host; }
 size_t set_local_bytes(int k, size_t bytes) {
   const size_t own = device_of(k)->local_bytes;
   if (bytes > 0) device_of(k)->local_bytes = bytes;
@@ -33,6 +34,7 @@ int set_vector_width(int k, int width) {
 #else
 bool divides_exactly(int k) { return k >= 0; }
 bool compiles_for_cpus(int k) { return k < 0; }
+bool is_gpu(int k) { return k < 0; }
 size_t set_local_bytes(int k, size_t bytes) { return (void)k, bytes; }
 static void stream_wait(int k) { (void)k; }
 int set_vector_width(int k, int width) { return (void)k, width; }

@@ -47,6 +47,7 @@ static inline float *floats(size_t count) { return held_memory(count, sizeof(flo
 
 bool divides_exactly(int k); /* quotients and roots are correctly rounded; true of a CPU's kernels */
 bool compiles_for_cpus(int k);
+bool is_gpu(int k); /* a real one, which computes few samples without tensor cores */
 /* Changes a setting of the device for a test; 0: no change. Returns the previous value. */
 size_t set_local_bytes(int k, size_t bytes);
 int set_vector_width(int k, int width);

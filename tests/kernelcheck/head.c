@@ -157,4 +157,4 @@ static void test_heads(void **state) {
 }
 
 static const struct CMUnitTest tests[] = {cmocka_unit_test(test_heads)};
-NOUN(head, NULL, .isa = NULL)
+NOUN(head, NULL, .tensor = true)

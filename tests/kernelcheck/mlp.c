@@ -534,7 +534,7 @@ static void test_real(void **state) {
   (void)state;
   static const float scale[][2] = {{0, 1}, {1e10f, 1e3f}, {1e-10f, 1}, {1, 1e-30f}, {1, 1e36f}, {1e4f, 1e-34f}};
   for (size_t s = 0; s < OF_MODEL; s++)
-    if (is_run_here(s)) check_real(s, is_small() ? 33 : 1000, 1, 1);
+    if (is_run_here(s)) check_real(s, is_small() ? 33 : is_gpu(machines.count - 1) ? 5000 : 1000, 1, 1);
   for (size_t i = 0; i < COUNT_OF(scale); i++) check_real(DENSITY, 129, scale[i][0], scale[i][1]);
 }
 
@@ -597,4 +597,4 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(test_again), cmocka_unit_test(test_not_finite), cmocka_unit_test(test_unwanted),
     cmocka_unit_test(test_place),
 };
-NOUN(mlp, bench, .isa = NULL)
+NOUN(mlp, bench, .tensor = true)

@@ -516,4 +516,4 @@ static void bench(void) {
 static const struct CMUnitTest tests[] = {cmocka_unit_test(test_step),        cmocka_unit_test(test_threads),
                                           cmocka_unit_test(test_accumulates), cmocka_unit_test(test_parts_long),
                                           cmocka_unit_test(test_densities),   cmocka_unit_test(test_bf16)};
-NOUN(step, bench, .in_double = true, .bf16 = true)
+NOUN(step, bench, .in_double = true, .bf16 = true, .tensor = true)

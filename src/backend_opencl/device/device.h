@@ -23,12 +23,12 @@ struct ern_cl_device {
   bool exact_divide;  /* division and square root can be correctly rounded */
   bool half;          /* cl_khr_fp16 */
   bool nvidia;        /* the compiler takes PTX */
-  bool tensor;    /* the fused pass computes wide layers by tensor cores: NVIDIA's of TF32. ERNERF_OPENCL_FORM=gpu: not;
-                     =tensor: also where there are none, in plain arithmetic */
-  bool subgroups; /* cl_khr_subgroups or cl_intel_subgroups */
-  int width;      /* samples a work-item processes: the native vector of a CPU, 1 elsewhere */
-  size_t group_most;     /* work-items a group at most */
-  size_t local_bytes;    /* local memory a group */
+  bool tensor;        /* layers are computed by tensor cores, NVIDIA's of TF32: wide ones of the fused pass, those of a
+                         training step. ERNERF_OPENCL_FORM=gpu: not; =tensor: also where there are none, in plain arithmetic */
+  bool subgroups;     /* cl_khr_subgroups or cl_intel_subgroups */
+  int width;          /* samples a work-item processes: the native vector of a CPU, 1 elsewhere */
+  size_t group_most;  /* work-items a group at most */
+  size_t local_bytes; /* local memory a group */
   uint64_t memory_bytes; /* global memory */
   uint64_t buffer_bytes; /* one buffer at most */
   cl_uint units;

@@ -10,6 +10,7 @@
   extern const size_t ern_cl_bytes_##name;
 ERN_CL_TEXT(common)
 ERN_CL_TEXT(samples)
+ERN_CL_TEXT(tensor)
 ERN_CL_TEXT(tile)
 ERN_CL_SOURCES(ERN_CL_TEXT)
 #undef ERN_CL_TEXT

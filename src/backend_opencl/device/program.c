@@ -24,16 +24,17 @@ static const struct {
 #undef ENTRY
 };
 
-/* The sources of a program: common.cl; tile.cl for the fused passes, samples.cl for kernels over samples; the source
- * itself. */
-enum { TEXTS = 3 };
+/* The sources of a program: common.cl; tensor.cl where tensor cores may be used; tile.cl for the fused passes,
+ * samples.cl for kernels over samples; the source itself. */
+enum { TEXTS = 4 };
 static void texts_of(ern_cl_source source, const char *text[TEXTS], size_t bytes[TEXTS]) {
   const bool fused = source == ERN_CL_render || source == ERN_CL_render_torso,
              samples = source == ERN_CL_activation || source == ERN_CL_attention || source == ERN_CL_encoding;
   text[0] = (const char *)ern_cl_text_common, bytes[0] = ern_cl_bytes_common;
-  text[1] = (const char *)(fused ? ern_cl_text_tile : ern_cl_text_samples);
-  bytes[1] = fused ? ern_cl_bytes_tile : samples ? ern_cl_bytes_samples : 0;
-  text[2] = (const char *)sources[source].text, bytes[2] = *sources[source].bytes;
+  text[1] = (const char *)ern_cl_text_tensor, bytes[1] = fused || source == ERN_CL_mlp ? ern_cl_bytes_tensor : 0;
+  text[2] = (const char *)(fused ? ern_cl_text_tile : ern_cl_text_samples);
+  bytes[2] = fused ? ern_cl_bytes_tile : samples ? ern_cl_bytes_samples : 0;
+  text[3] = (const char *)sources[source].text, bytes[3] = *sources[source].bytes;
 }
 
 void ern_cl_base_options(const struct ern_cl_device *device, char *text, size_t bytes) {
@@ -53,7 +54,7 @@ ern_status ern_cl_program_key(ern_context *context, const struct ern_cl_device *
   const char *text[TEXTS];
   size_t bytes[TEXTS], at = (size_t)length;
   texts_of(source, text, bytes);
-  const ern_status status = ERN_NEW(context, at + bytes[0] + bytes[1] + bytes[2], &all);
+  const ern_status status = ERN_NEW(context, at + bytes[0] + bytes[1] + bytes[2] + bytes[3], &all);
   if (status != ERN_OK) return status;
   memcpy(all, head, at);
   for (size_t i = 0; i < TEXTS; at += bytes[i++]) memcpy(all + at, text[i], bytes[i]);

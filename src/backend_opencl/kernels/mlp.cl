@@ -4,7 +4,8 @@
  * A work-group takes a tile of samples through all layers. Values are in local memory, [channel][sample of the tile].
  * On a CPU a work-item computes whole columns, those of its own samples. On a GPU SHARE items share a column: each
  * computes its part of a layer's rows, because one item a column leaves too few for the latency of the memory. Weights
- * are staged in local memory on a GPU and read from the caches on a CPU.
+ * are staged in local memory on a GPU and read from the caches on a CPU. TENSOR: a warp computes strips of 16 rows by
+ * tensor cores (tensor.cl), and reads the weights from the caches.
  *
  * Built for one stack, by the options of mlp.c:
  *   LAYERS, HIDDEN = LAYERS - 1; C0 .. widths; A0 .. offset of each W from the first W
@@ -18,7 +19,6 @@
  *       of a per-batch piece at B0 .. B3, LANES floats each */
 #define JOIN_(a, b) a##b
 #define JOIN(a, b) JOIN_(a, b)
-#define INLINE static inline __attribute__((always_inline))
 #define COLUMNS (GROUP / SHARE)
 #define TILE (COLUMNS * VECTORS * LANES) /* samples */
 #if SHARE == 1
@@ -39,16 +39,17 @@ typedef JOIN(float, LANES) vf;
 #define STORE(value, to) JOIN(vstore, LANES)(value, 0, to)
 #endif
 
-/* A row of a tile is LINE vectors: on a GPU one more than needed, so that a column is spread over the memory banks.
+/* A row of a tile is LINE vectors: on a GPU one more than needed, so that a column is spread over the memory banks, and
+ * four more where tensor cores read fragments.
  * BLOCK rows x VECTORS sums are computed at a time, those of an item in registers: 8 x 3 where there are 32 registers,
  * 4 x 3 where there are 16. */
 #if CPU
 #define LINE VECTORS
 #define BLOCK (LANES == 8 ? 4 : 8)
-#define STAGE
-#define STAGED
-#define STAGE_MEMORY
 #define WAIT
+#elif TENSOR
+#define LINE (COLUMNS + 4)
+#define WAIT barrier(CLK_LOCAL_MEM_FENCE);
 #else
 #define LINE (COLUMNS * VECTORS + 1)
 #define BLOCK 32
@@ -59,6 +60,11 @@ typedef JOIN(float, LANES) vf;
 #define STAGED , stage
 #define STAGE_MEMORY local float stage[CHUNK * STAGE_ROW] __attribute__((aligned(16)));
 #define WAIT barrier(CLK_LOCAL_MEM_FENCE);
+#endif
+#if CPU || TENSOR
+#define STAGE
+#define STAGED
+#define STAGE_MEMORY
 #endif
 /* Rows after the last full block; a single one is added to that block where there are registers for it. */
 #define REST(rows) ((rows) % BLOCK == 1 && (rows) > BLOCK && BLOCK != 4 ? BLOCK + 1 : (rows) % BLOCK)
@@ -102,6 +108,7 @@ typedef JOIN(float, LANES) vf;
 
 enum { PER_SAMPLE, PER_RAY, PER_BATCH };
 
+#if CPU
 /* Fills rows of a tile with the samples from `first` on of each channel of a piece; zeros from sample n on. */
 INLINE void gather(local vf *tile, global const float *x, const ulong stride, const int rows, const int per,
                    global const int *ray, const ulong first, const ulong n, const int item) {
@@ -151,8 +158,96 @@ INLINE void put_rows(global float *y, const ulong stride, local const vf *tile, 
   }
 }
 
+#else
+/* The same on a GPU. Rows are read BATCH at a time, because an item waits for what it stores. */
+#define BATCH 8
+#define EACH_OF_BATCH _Pragma("unroll") for (int b = 0; b < BATCH; b++)
+INLINE void gather(local float *tile, global const float *x, const ulong stride, const int rows, const int per,
+                   global const int *ray, const ulong first, const ulong n, const int item) {
+  const ulong sample = first + (ulong)COLUMN(item);
+  const bool there = sample < n;
+  x += PART_OF(item) * stride + (per == PER_SAMPLE ? sample : per == PER_RAY && there ? (ulong)ray[sample] : 0);
+  for (int c = PART_OF(item); c < rows; c += BATCH * SHARE) {
+    float value[BATCH];
+    EACH_OF_BATCH value[b] = there && c + b * SHARE < rows ? *x : 0, x += SHARE * stride;
+    EACH_OF_BATCH if (c + b * SHARE < rows) tile[(c + b * SHARE) * LINE + COLUMN(item)] = value[b];
+  }
+}
+
+INLINE void put_rows(global float *y, const ulong stride, local const float *tile, const int rows, const bool add,
+                     const ulong first, const ulong n, const int item) {
+  const ulong sample = first + (ulong)COLUMN(item);
+  global const float *from = y + (PART_OF(item) * stride + sample);
+  y += PART_OF(item) * stride + sample;
+  for (int c = PART_OF(item); c < rows && sample < n; c += BATCH * SHARE) {
+    float before[BATCH];
+    EACH_OF_BATCH before[b] = add && c + b * SHARE < rows ? *from : 0, from += SHARE * stride;
+    EACH_OF_BATCH {
+      if (c + b * SHARE < rows) *y = before[b] + tile[(c + b * SHARE) * LINE + COLUMN(item)];
+      y += SHARE * stride;
+    }
+  }
+}
+#endif
+
 /* ---- products ---------------------------------------------------------------------------------------------------- */
 
+typedef enum finish {
+  AS_IT_IS,
+  RELU, /* max(sum, 0); NaN stays NaN, so that it is noticed */
+  SLOPE /* derivative of the ReLU: sum where the value that `out` holds is above 0 (or NaN); else 0 */
+} finish;
+#define FINISHED(how, sum, out) \
+  (how == RELU ? (sum) < 0 ? (vf)0 : (sum) : how == SLOPE ? (out) <= 0 ? (vf)0 : (sum) : (sum))
+
+#if TENSOR
+/* How the strips of 16 rows, each `across` fragments wide, are shared out to the warps of a group: each is cut into
+ * parts of equal width, as many as take the least time. */
+#define WARPS (GROUP / WARP)
+#define UP(a, b) (((a) + (b)-1) / (b))
+INLINE int cost(const int strips, const int across, const int parts) {
+  return UP(strips * parts, WARPS) * (UP(across, parts) + 1);
+}
+INLINE int parts_of(const int strips, const int across) {
+  const int least = UP(across, FRAGMENTS_MOST);
+  const int two = cost(strips, across, 2 * least) < cost(strips, across, least) ? 2 * least : least;
+  return cost(strips, across, 4 * least) < cost(strips, across, two) ? 4 * least : two;
+}
+
+/* DO(r, c, value) for the values that an item has of a strip from row `top` and column `left` on. */
+#define AT_VALUE(DO, f, i, value)                                                                            \
+  do {                                                                                                       \
+    const int r = top + SUM_ROW(item % WARP, i), c = left + 8 * (f) + SUM_COLUMN(item % WARP, i);            \
+    if (r < rows && c < columns) DO(r, c, value)                                                             \
+  } while (0);
+#define EACH_VALUE(DO, value) EACH(f, wide) EACH(i, 4) AT_VALUE(DO, f, i, value)
+/* The same where tensor cores are emulated or numbers are not finite: one by one. */
+#define ONE_BY_ONE(DO, value) \
+  _Pragma("unroll 1") for (int at = 0; at < 4 * wide; at++) AT_VALUE(DO, at / 4, at % 4, value)
+
+/* All rows of out = A in; A (r, k) at r*a_row + k*a_step. */
+INLINE void product(const finish how, local float *out, local const float *in, global const float *a, const int a_row,
+                    const int a_step, const int rows, const int count, const int item) {
+  const int columns = TILE, strips = UP(rows, 16), parts = parts_of(strips, TILE / 8), wide = UP(TILE / 8, parts);
+  barrier(CLK_LOCAL_MEM_FENCE);
+  for (int units = 0; units < strips * parts; units += WARPS) { /* all warps take part: PoCL needs uniform loops */
+    const int unit = units + item / WARP, top = unit % strips * 16, left = unit / strips * wide * 8;
+#define FINISH(r, c, value) out[(r) * LINE + (c)] = FINISHED(how, value, out[(r) * LINE + (c)]);
+#if NVIDIA
+    if (unit >= strips * parts) break;
+    float sum[FRAGMENTS_MOST][4];
+    global_strip(sum, wide, a + top * a_row, a_row, a_step, rows - top, in + left, LINE, 1, columns - left,
+                 item % WARP, count);
+    if (are_finite(sum, wide)) {
+      EACH_VALUE(FINISH, sum[f][i])
+      continue;
+    }
+#endif
+    ONE_BY_ONE(FINISH, dot_global(a + r * a_row, a_step, in + c, LINE, count))
+  }
+}
+
+#else
 /* The sums of a block, rows x `vectors`. */
 #define SUMS vf sum[9 > BLOCK ? 9 : BLOCK + 1][3]
 #define CLEAR_SUM(r, v) sum[r][v] = 0;
@@ -206,12 +301,6 @@ INLINE void products(SUMS, local const vf *in, global const float *a, const int 
 #endif
 }
 
-typedef enum finish {
-  AS_IT_IS,
-  RELU, /* max(sum, 0); NaN stays NaN, so that it is noticed */
-  SLOPE /* derivative of the ReLU: sum where the value that `out` holds is above 0 (or NaN); else 0 */
-} finish;
-
 /* Rows row .. row+all-1 of out = A in. */
 INLINE void block(const finish how, local vf *out, local const vf *in, global const float *a, const int a_row,
                   const int a_step, const int row, const int all, const int count, const int item STAGE) {
@@ -219,10 +308,7 @@ INLINE void block(const finish how, local vf *out, local const vf *in, global co
   SUMS;
   products(sum, in, a + row * a_row, a_row, a_step, all, count, item STAGED);
   out += (row + before) * LINE + COLUMN(item);
-#define FINISH(r, v)                                                                                \
-  out[r * LINE + v * COLUMNS] = how == RELU    ? sum[r][v] < 0 ? (vf)0 : sum[r][v]                  \
-                                : how == SLOPE ? out[r * LINE + v * COLUMNS] <= 0 ? (vf)0 : sum[r][v] \
-                                               : sum[r][v];
+#define FINISH(r, v) out[r * LINE + v * COLUMNS] = FINISHED(how, sum[r][v], out[r * LINE + v * COLUMNS]);
 #define FINISH_ROW(r) \
   if (r < rows && (all % SHARE == 0 || before + r < all)) { EACH_VECTOR(FINISH, r) }
   EACH_ROW(FINISH_ROW)
@@ -235,6 +321,7 @@ INLINE void product(const finish how, local vf *out, local const vf *in, global 
     block(how, out, in, a, a_row, a_step, row, BLOCK, count, item STAGED);
   if (REST(rows) > 0) block(how, out, in, a, a_row, a_step, rows - REST(rows), REST(rows), count, item STAGED);
 }
+#endif
 
 /* ---- forward ----------------------------------------------------------------------------------------------------- */
 
@@ -350,6 +437,36 @@ INLINE void add_weights(global float *dw, local const vf *slope, local const vf 
   if (last == 1) add_rows(dw, from, transposed, padded, outs, padded - 1, 1);
 }
 
+#elif TENSOR
+/* The same in strips of the outputs, or of the inputs if that takes less time. */
+INLINE void add_weights(global float *dw, local const float *slope, local const float *value, local float *transposed,
+                        const int outs, const int ins, const int row, const int item) {
+  const int by_outs = parts_of(UP(outs, 16), UP(ins, 8)), by_ins = parts_of(UP(ins, 16), UP(outs, 8));
+  const bool turned = cost(UP(ins, 16), UP(outs, 8), by_ins) < cost(UP(outs, 16), UP(ins, 8), by_outs);
+  local const float *const a = turned ? value : slope, *const b = turned ? slope : value;
+  const int rows = turned ? ins : outs, columns = turned ? outs : ins, parts = turned ? by_ins : by_outs;
+  const int strips = UP(rows, 16), wide = UP(UP(columns, 8), parts);
+  for (int units = 0; units < strips * parts; units += WARPS) {
+    const int unit = units + item / WARP, top = unit % strips * 16, left = unit / strips * wide * 8;
+#define AT(r, c) (turned ? (c) * row + (r) : (r) * row + (c))
+#define LOAD_SUM(r, c, to) to = dw[AT(r, c)];
+#define STORE_SUM(r, c, value) dw[AT(r, c)] = value;
+#define ADD_SUM(r, c, value) dw[AT(r, c)] += value;
+#if NVIDIA
+    if (unit >= strips * parts) break;
+    float sum[FRAGMENTS_MOST][4], before[FRAGMENTS_MOST][4];
+    local_strip(sum, wide, a + top * LINE, LINE, 1, rows - top, b + left * LINE, 1, LINE, columns - left, item % WARP,
+                TILE);
+    if (are_finite(sum, wide)) {
+      EACH_VALUE(LOAD_SUM, before[f][i])
+      EACH_VALUE(STORE_SUM, before[f][i] + sum[f][i])
+      continue;
+    }
+#endif
+    ONE_BY_ONE(ADD_SUM, dot_local(a + r * LINE, 1, b + c * LINE, 1, TILE))
+  }
+}
+
 #else
 /* The same on a GPU: an item computes 4 x 4 sums. Their rows and columns are apart, so that neighbouring items read
  * neighbouring elements. */
@@ -417,31 +534,34 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void mlp_bwd(GRADIENTS
   OPEN(float, sums);
   OPEN(const float, dy);
   OPEN_INPUTS
-  const int item = (int)get_local_id(0);
+  const uint number = (uint)get_local_id(0);
   global float *const own = sums + get_group_id(0) * PART;
   const ulong begin = get_group_id(0) * each * TILE, end = min(begin + each * TILE, n);
-  for (int i = item; i < PART; i += GROUP) own[i] = 0;
+  for (int i = (int)number; i < PART; i += GROUP) own[i] = 0;
 #if !CPU
   barrier(CLK_GLOBAL_MEM_FENCE);
 #endif
   for (ulong first = begin; first < end; first += TILE) {
+    const int item = item_of(number, (uint)first);
     local vf *to = values;
     EACH_PIECE(GATHER)
+#define ITEM(l) item_of(number, (uint)first + 1 + (l))
 #define LAYER(l, next)                                                                                               \
-  product(RELU, values + V##next * LINE, values + V##l * LINE, w + A##l, C##l, 1, C##next, C##l, item STAGED);
+  product(RELU, values + V##next * LINE, values + V##l * LINE, w + A##l, C##l, 1, C##next, C##l, ITEM(l) STAGED);
     JOIN(UP_, HIDDEN)(LAYER)
     gather(values + JOIN(V, LAYERS) * LINE, dy, dy_stride, JOIN(C, LAYERS), PER_SAMPLE, 0, first, n, item);
-#define LAYER_BWD(l, next)                                                                                        \
-  WAIT add_weights(own + G##l, values + V##next * LINE, values + V##l * LINE, transposed, C##next, C##l, E##l, item); \
-  WAIT if (l > 0)                                                                                                 \
-      product(SLOPE, values + V##l * LINE, values + V##next * LINE, w + A##l, 1, C##l, C##l, C##next, item STAGED);
+#define LAYER_BWD(l, next)                                                                                           \
+  WAIT add_weights(own + G##l, values + V##next * LINE, values + V##l * LINE, transposed, C##next, C##l, E##l,        \
+                   ITEM(LAYERS + l));                                                                                \
+  WAIT if (l > 0) product(SLOPE, values + V##l * LINE, values + V##next * LINE, w + A##l, 1, C##l, C##l, C##next,     \
+                          ITEM(2 * LAYERS + l) STAGED);
     JOIN(DOWN_, LAYERS)(LAYER_BWD)
 #if DX_ROWS > 0
-    product(AS_IT_IS, values + DX_FROM * LINE, values + V1 * LINE, w + DX_FROM, 1, C0, DX_ROWS, C1, item STAGED);
+    product(AS_IT_IS, values + DX_FROM * LINE, values + V1 * LINE, w + DX_FROM, 1, C0, DX_ROWS, C1, ITEM(0) STAGED);
     WAIT
     to = values;
 #define SCATTER(p) \
-  if (D##p) scatter(dx##p, dx##p##_stride, own + B##p, to, R##p, P##p, first, n, item); \
+  if (D##p) scatter(dx##p, dx##p##_stride, own + B##p, to, R##p, P##p, first, n, ITEM(1)); \
   to += R##p * LINE;
     EACH_PIECE(SCATTER)
     WAIT
@@ -458,7 +578,7 @@ kernel void mlp_sum(GRADIENTS, SPAN(float, dw), SPAN(const float, sums), int par
   float sum = 0;
 #define LAYER_SUM(l, next)                                                                             \
   if (at >= 0 && at < C##next * C##l) {                                                                \
-    for (int k = 0; k < parts; k++) sum += sums[(ulong)k * PART + G##l + at / C##l * E##l + at % C##l]; \
+    _Pragma("unroll 16") for (int k = 0; k < parts; k++) sum += sums[(ulong)k * PART + G##l + at / C##l * E##l + at % C##l]; \
     dw[A##l + at] += sum;                                                                              \
   }                                                                                                    \
   at -= C##next * C##l;

@@ -12,8 +12,6 @@
  * columns than its own, so all items of a group have to take part, and a row has room for eight more: eight columns of
  * four rows are in 32 memory banks. */
 
-/* Inlined before loops are unrolled, so that their bounds are constants. */
-#define INLINE static inline __attribute__((always_inline))
 #define LANES (WIDTH * VECTORS)
 #if TENSOR
 #define TILE (GROUP + 8)
@@ -141,24 +139,12 @@ INLINE floatw sigmoid(floatw x) { return 1 / (1 + exp(-x)); }
 /* ---- layers by tensor cores ---- */
 
 #if TENSOR
-#define EACH(i, count) _Pragma("unroll") for (int i = 0; i < (count); i++)
 #define PADDED(count) (((count) + 7) / 8 * 8)
-/* Sums are fragments of 16 rows x 8 columns: fragment 4 m + n has rows from 16 m and columns from 8 n on. Row and column
- * of value i that an item has of one: */
-#define SUM_ROW(lane, i) ((lane) / 4 + (i) / 2 * 8)
-#define SUM_COLUMN(lane, i) ((lane) % 4 * 2 + (i) % 2)
+/* Fragment 4 m + n of the sums has rows from 16 m and columns from 8 n on. */
 
 /* sum += A x, for 32 columns of a tile from x on: of the products of leading parts and rests, all but that of two
  * rests. a: as fragment_at says, the leading parts of all, then their rests. */
 #if NVIDIA
-/* sum += A B; A: 16 x 8, B: 8 x 8 (PTX ISA, mma.m16n8k8 of .tf32) */
-INLINE void multiply_add(float sum[4], float4 a, const float b[2]) {
-  asm("mma.sync.aligned.m16n8k8.row.col.f32.tf32.tf32.f32 {%0,%1,%2,%3}, {%4,%5,%6,%7}, {%8,%9}, "
-               "{%0,%1,%2,%3};"
-               : "+f"(sum[0]), "+f"(sum[1]), "+f"(sum[2]), "+f"(sum[3])
-               : "r"(as_uint(a.s0)), "r"(as_uint(a.s1)), "r"(as_uint(a.s2)), "r"(as_uint(a.s3)), "r"(as_uint(b[0])),
-                 "r"(as_uint(b[1])));
-}
 /* All of A that eight columns need is loaded before it is used, or each fragment would wait for its own. */
 #define TENSOR_PRODUCT(name, outputs, count)                                                               \
   INLINE void name(float (*sum)[4], global const float *a, local const float *x, int lane) {               \
