@@ -41,7 +41,7 @@ static size_t count_of(const char *text, const char *word) {
   return count;
 }
 
-static void test_curve(void **state) {
+static void test_curve_long(void **state) {
   (void)state;
   static const char *const plots[] = {"m.run/curve_seconds.svg", "m.run/curve_steps.svg"};
   static const char *const pictures[] = {"m.run/curve_seconds.png", "m.run/curve_steps.png"};
@@ -324,7 +324,7 @@ static void test_fine_stage_without_landmarks_long(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_curve),
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_curve_long),
                                      cmocka_unit_test(test_quick_look),
                                      cmocka_unit_test(test_out_of_reach_long),
                                      cmocka_unit_test(test_front_long),

@@ -78,7 +78,7 @@ static struct report report(void) {
 
 /* Half a grey level moves a byte by one at most; the share that is printed is the one in the report, and under 1. With
  * and without rest. */
-static void test_bound(void **state) {
+static void test_bound_long(void **state) {
   (void)state;
   static const char *const ways[] = {"--no-silence-pose", "--image_scale 0.5 --fix_eye 0.3"};
   for (size_t i = 0; i < sizeof ways / sizeof *ways; i++) {
@@ -143,7 +143,7 @@ static void test_words(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_bound), cmocka_unit_test(test_other_bounds_long),
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_bound_long), cmocka_unit_test(test_other_bounds_long),
                                      cmocka_unit_test(test_not_worth_it), cmocka_unit_test(test_words)};
   return cmocka_run_group_tests(tests, make_model, NULL);
 }

@@ -188,17 +188,20 @@ static void test_some_memory_long(void **state) {
 
 /* ---- a device that is lost --------------------------------------------------------------------------------------- */
 
-static void lose_with_code(const char *code) {
+static void lose_with_code(const char *code, const char *launch) {
   fault("CODE", code);
-  fault("LAUNCH", "40");
+  fault("LAUNCH", launch);
   refuse_training("the device is lost", "nothing of this training was saved", "");
   fault("LAUNCH", "3");
   refuse_rendering("the device is lost", "failed: CL_");
   clear();
 }
 
-static void test_lost(void **state) { (void)state, lose_with_code("-2"); }              /* CL_DEVICE_NOT_AVAILABLE */
-static void test_no_resources_long(void **state) { (void)state, lose_with_code("-5"); } /* CL_OUT_OF_RESOURCES */
+static void test_lost(void **state) {
+  (void)state, lose_with_code("-2", "8");
+} /* CL_DEVICE_NOT_AVAILABLE, in the first refresh */
+static void test_lost_late_long(void **state) { (void)state, lose_with_code("-2", "40"); }
+static void test_no_resources_long(void **state) { (void)state, lose_with_code("-5", "40"); } /* CL_OUT_OF_RESOURCES */
 
 /* What an earlier training saved stays as it is. */
 static void test_lost_early_long(void **state) {
@@ -396,7 +399,7 @@ static void test_no_cache_long(void **state) {
 }
 
 /* What the file beside a picture says of a device: no instruction set, and no threads, which it has no use for. */
-static void test_provenance(void **state) {
+static void test_provenance_long(void **state) {
   (void)state;
   assert_int_equal(draw("said%d.png"), 0);
   json_t *about = cli_json(&cli, "saidall.png.provenance.json");
@@ -414,6 +417,7 @@ int main(void) {
                                      cmocka_unit_test(test_no_memory),
                                      cmocka_unit_test(test_some_memory_long),
                                      cmocka_unit_test(test_lost),
+                                     cmocka_unit_test(test_lost_late_long),
                                      cmocka_unit_test(test_no_resources_long),
                                      cmocka_unit_test(test_lost_early_long),
                                      cmocka_unit_test(test_lost_after_save_long),
@@ -421,6 +425,6 @@ int main(void) {
                                      cmocka_unit_test(test_cache_long),
                                      cmocka_unit_test(test_driver_with_a_cache_long),
                                      cmocka_unit_test(test_no_cache_long),
-                                     cmocka_unit_test(test_provenance)};
+                                     cmocka_unit_test(test_provenance_long)};
   return cmocka_run_group_tests(tests, make_model, NULL);
 }

@@ -83,7 +83,8 @@ static void path_of_the_truth_itself(void **state) {
 /* Another frame of the head, another axis of the camera, another scale and focal length are no error. */
 static void choices_are_no_error(void **state) {
   (void)state;
-  static struct head_pose truth[LONG], prepared[LONG];
+  enum { COUNT = 500 }; /* frames, each exact */
+  static struct head_pose truth[COUNT], prepared[COUNT];
   struct path_alignment alignment;
   struct path_errors errors;
   double camera[3][3], head[3][3];
@@ -91,9 +92,9 @@ static void choices_are_no_error(void **state) {
   const double axis[2][3] = {{0.6, 0.8, 0}, {0, 0.6, 0.8}};
   rotation_about(axis[0], 3, camera);
   rotation_about(axis[1], 14, head);
-  make_path(truth, LONG);
-  make_path(prepared, LONG);
-  for (size_t i = 0; i < LONG; i++) {
+  make_path(truth, COUNT);
+  make_path(prepared, COUNT);
+  for (size_t i = 0; i < COUNT; i++) {
     double at[3];
     transform(at, truth[i].rotation, origin);
     for (int k = 0; k < 3; k++) at[k] += truth[i].place[k];
@@ -102,7 +103,7 @@ static void choices_are_no_error(void **state) {
     multiply(prepared[i].rotation, camera, truth[i].rotation);
     multiply(prepared[i].rotation, prepared[i].rotation, head);
   }
-  assert_true(compare_paths(truth, prepared, LONG, focal_ratio, &alignment, &errors));
+  assert_true(compare_paths(truth, prepared, COUNT, focal_ratio, &alignment, &errors));
   print_message("rotation %.2g degrees, place %.2g, camera %.4f degrees, scale %.6f\n", errors.rotation_median,
                 errors.place_median, errors.camera_turn, alignment.scale);
   /* the alternation stops where a round moves the camera by 1e-9 degrees, a hundred rounds or so before its end */

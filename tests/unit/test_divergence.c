@@ -73,7 +73,7 @@ static void expect_step(struct made *m, const char *path, uint64_t step) {
 }
 
 /* A training at the usual rates, and its resume at three hundred times the networks'. */
-static void test_training(void **state) {
+static void test_training_long(void **state) {
   (void)state;
   struct made m;
   open_even(&m);
@@ -93,6 +93,6 @@ static void test_training(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_even_and_uneven), cmocka_unit_test(test_chance),
-                                     cmocka_unit_test(test_fall), cmocka_unit_test(test_training)};
+                                     cmocka_unit_test(test_fall), cmocka_unit_test(test_training_long)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }
