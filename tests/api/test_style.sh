@@ -3,6 +3,7 @@
 # What a reviewer should not have to look for; CONTRIBUTING.md gives the rules. Prints every place, fails if there is one.
 # Usage: test_style.sh SOURCE
 set -euo pipefail
+export LC_ALL=C
 cd "$1"
 
 # All files of ours that are text; the pictures and data of docs/ and data/ and the inputs of fuzz targets are not.

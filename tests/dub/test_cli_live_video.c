@@ -22,7 +22,7 @@ static int make_all(void **state) {
   cli_run(&cli, "synth clip --size %d --frames %d --seed 3 --parsing --quiet", SIDE, FRAMES);
   cli_expect(&cli, 0, NULL);
   cli_run(&cli,
-          "train clip -o h.safetensors --iters 150 --rays 128 --lr 0.03 --lr_net 0.005 --levels 2 --validate-frames 1 "
+          "train clip -o h.safetensors --iters 100 --rays 128 --lr 0.03 --lr_net 0.005 --levels 2 --validate-frames 1 "
           "--asr_model cepstra --quiet");
   cli_expect(&cli, 0, NULL);
   recorded_clip_grey("clip.mp4", 4.0 / 3, WIDTH, SIDE, FRAMES);

@@ -123,7 +123,7 @@ static long bytes_of(const char *path) {
 }
 
 /* A higher crf makes a smaller file, and so does a slower preset, less surely: it makes another one. */
-static void test_crf(void **state) {
+static void test_crf_long(void **state) {
   (void)state;
   cli_run(&cli, "render m.safetensors --clip clip --frames 0:10 -o low.mp4 --crf 40 --quiet");
   cli_expect(&cli, 0, NULL);
@@ -216,9 +216,9 @@ static void test_refused(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_videos),  cmocka_unit_test(test_provenance),
-                                     cmocka_unit_test(test_crf),     cmocka_unit_test(test_pictures),
-                                     cmocka_unit_test(test_streams), cmocka_unit_test(test_progress),
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_videos),   cmocka_unit_test(test_provenance),
+                                     cmocka_unit_test(test_crf_long), cmocka_unit_test(test_pictures),
+                                     cmocka_unit_test(test_streams),  cmocka_unit_test(test_progress),
                                      cmocka_unit_test(test_refused)};
   return cmocka_run_group_tests(tests, make_inputs, free_context);
 }

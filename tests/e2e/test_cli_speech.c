@@ -133,7 +133,7 @@ static void test_others_long(void **state) {
   cli_expect(&cli, 0, NULL);
 }
 
-static void test_mouth(void **state) {
+static void test_mouth_long(void **state) {
   (void)state;
   cli_run(&cli, "eval m.safetensors clip --split train --json mouth.json");
   cli_expect_out(&cli, 0, "mouth: ", "of its motion, correlation", "eyes, open: PSNR", NULL);
@@ -244,7 +244,7 @@ int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_features),
                                      cmocka_unit_test(test_render_long),
                                      cmocka_unit_test(test_last_frame_outlasts_the_sound),
-                                     cmocka_unit_test(test_mouth),
+                                     cmocka_unit_test(test_mouth_long),
                                      cmocka_unit_test(test_others_long),
                                      cmocka_unit_test(test_text),
                                      cmocka_unit_test(test_table_of_others_long),

@@ -213,7 +213,7 @@ static void test_odd_size_and_sound(void **state) {
   ern_sound_free(context, &sound);
 }
 
-static void test_sounds(void **state) {
+static void test_sounds_long(void **state) {
   (void)state;
   const struct {
     int rate, channels, kept_rate;
@@ -582,7 +582,7 @@ int main(void) {
   signal(SIGXFSZ, SIG_IGN);
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(test_odd_size_and_sound),
-      cmocka_unit_test(test_sounds),
+      cmocka_unit_test(test_sounds_long),
       cmocka_unit_test(test_silent),
       cmocka_unit_test(test_sizes_and_rates),
       cmocka_unit_test(test_pixel_aspect),

@@ -224,7 +224,7 @@ static void survive(struct head *head, const char *what) {
   ern_context_free(&head->context);
 }
 
-static void test_degenerate(void **state) {
+static void test_degenerate_long(void **state) {
   (void)state;
   make(&h, 0.004, 0, 0);
   keep(&h, 0);
@@ -306,7 +306,7 @@ int main(void) {
                                      cmocka_unit_test(test_little_turn),
                                      cmocka_unit_test(test_share),
                                      cmocka_unit_test(test_pose_round_trip),
-                                     cmocka_unit_test(test_degenerate),
+                                     cmocka_unit_test(test_degenerate_long),
                                      cmocka_unit_test(test_no_numbers),
                                      cmocka_unit_test(test_extremes_long)};
   return cmocka_run_group_tests(tests, NULL, NULL);

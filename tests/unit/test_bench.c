@@ -186,7 +186,7 @@ static void test_no_memory(void **state) {
 
 /* ---- peaks, kernels ---------------------------------------------------------------------------------------------- */
 
-static void test_peaks(void **state) {
+static void test_peaks_long(void **state) {
   (void)state;
   const ern_bench_options options = quick();
   ern_bench_machine machine;
@@ -431,7 +431,7 @@ int main(void) {
     cmocka_unit_test(test_scene),
     cmocka_unit_test(test_scene_of),
     cmocka_unit_test(test_no_memory),
-    cmocka_unit_test(test_peaks),
+    cmocka_unit_test(test_peaks_long),
     cmocka_unit_test(test_kernels),
     cmocka_unit_test(test_kernels_stop),
 #if defined(ERN_OPENCL)

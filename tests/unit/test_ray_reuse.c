@@ -226,7 +226,7 @@ static void test_torso_of_the_model(void **state) {
   scene_free(&scene);
 }
 
-static void test_with_other_options(void **state) {
+static void test_with_other_options_long(void **state) {
   (void)state;
   static struct scene scene;
   ern_render_options options = ern_render_options_default();
@@ -386,7 +386,7 @@ int main(void) {
       cmocka_unit_test(test_something_is_kept),
       cmocka_unit_test(test_bound_0_changes_nothing),
       cmocka_unit_test(test_torso_of_the_model),
-      cmocka_unit_test(test_with_other_options),
+      cmocka_unit_test(test_with_other_options_long),
       cmocka_unit_test(test_on_a_device_long),
       cmocka_unit_test(test_what_is_forgotten),
       cmocka_unit_test(test_other_speech),
