@@ -373,7 +373,7 @@ fail:
   return status;
 }
 
-/* at[number] = now; read_times has it later, where the work that was begun is done later. */
+/* at[number] = the host's time now. A device has only queued the work by now: read_times then takes its own times. */
 static ern_status end_stage(ern_renderer *r, bool timed, double at[ERN_MARKS], int number) {
   at[number] = milliseconds();
   return timed ? r->backend->mark(r->stream, number) : ERN_OK;

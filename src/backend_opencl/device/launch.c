@@ -120,6 +120,26 @@ fail:
   return status;
 }
 
+struct ern_cl_blocks ern_cl_blocks_of(struct ern_stream *stream, size_t n) {
+  enum { VECTORS = 32 };
+  const struct ern_cl_device *device = &ern_cl_backend_of(stream)->device;
+  const size_t block = device->cpu ? VECTORS * (size_t)device->width : GROUP;
+  return (struct ern_cl_blocks){n / block + (n % block != 0), device->cpu ? 1 : GROUP};
+}
+
+ern_status ern_cl_run_sums(struct ern_cl_call *call) {
+  return ern_cl_run(call, ERN_CL_SUMS, ERN_CL_SUM_GROUP / (size_t)call->stream->owner->device.width);
+}
+
+ern_status ern_cl_clean_up(struct ern_stream *stream, ern_status status) {
+  struct ern_cl_stream *own = ern_cl_stream_of(stream);
+  if (status == ERN_OK) return ERN_OK;
+  own->pending_count = own->figures_used = 0;
+  clFinish(own->queue); /* its result is ignored: `status` is returned */
+  ern_arena_trim(stream);
+  return status;
+}
+
 /* ---- times ------------------------------------------------------------------------------------------------------- */
 
 ern_status ern_cl_mark(struct ern_stream *stream, int index) {
@@ -139,26 +159,4 @@ ern_status ern_cl_marks_read(struct ern_stream *stream, double *ms, int count) {
     code = clGetEventProfilingInfo(own->mark[i], CL_PROFILING_COMMAND_END, sizeof at[i], &at[i], NULL);
   for (int i = 0; i < count && code == CL_SUCCESS; i++) ms[i] = 1e-6 * (double)(cl_long)(at[i] - at[0]);
   return ERN_OK; /* a driver that gives no times leaves the host's */
-}
-
-/* ------------------------------------------------------------------------------------------------------------------ */
-
-struct ern_cl_blocks ern_cl_blocks_of(struct ern_stream *stream, size_t n) {
-  enum { VECTORS = 32 };
-  const struct ern_cl_device *device = &ern_cl_backend_of(stream)->device;
-  const size_t block = device->cpu ? VECTORS * (size_t)device->width : GROUP;
-  return (struct ern_cl_blocks){n / block + (n % block != 0), device->cpu ? 1 : GROUP};
-}
-
-ern_status ern_cl_run_sums(struct ern_cl_call *call) {
-  return ern_cl_run(call, ERN_CL_SUMS, ERN_CL_SUM_GROUP / (size_t)call->stream->owner->device.width);
-}
-
-ern_status ern_cl_clean_up(struct ern_stream *stream, ern_status status) {
-  struct ern_cl_stream *own = ern_cl_stream_of(stream);
-  if (status == ERN_OK) return ERN_OK;
-  own->pending_count = own->figures_used = 0;
-  clFinish(own->queue); /* its result is ignored: `status` is returned */
-  ern_arena_trim(stream);
-  return status;
 }

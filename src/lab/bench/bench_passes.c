@@ -302,7 +302,10 @@ static ern_status step(void *user, size_t which, size_t times) {
   ern_status status = ERN_OK;
   for (size_t k = 0; k < times && status == ERN_OK; k++) {
     t->step = passes->sixteenth ? ERN_REFRESH_WARM_UP : 1;
-    if (t->drawn.step > 0) t->drawn.step = t->step; /* its next batch is as good as its own */
+    /* Every backend steps with the batch that is drawn ahead for the next step, so all compute the same rays. One that
+     * does not draw during a step draws here. */
+    if (t->drawn.step == 0) ern_trainer_draw_ahead(t);
+    if (t->drawn.step > 0) t->drawn.step = t->step;
     status = ern_trainer_step(t, &report);
     s->samples += report.samples_per_ray * t->config.rays;
     s->calls++;
