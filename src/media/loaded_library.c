@@ -16,6 +16,8 @@ ern_status ern_library_load(ern_context *context, const char *what, const struct
         "%s: is computed by %s, which cannot be loaded: the libraries that it needs end the process for want "
         "of memory or threads; expected higher limits (ulimit -v, -d, -u)",
         what, library->file);
+  for (const char *const *name = library->first; name != NULL && *name != NULL; name++)
+    (void)dlopen(*name, RTLD_LAZY | RTLD_LOCAL | RTLD_NODELETE);
   *handle = dlopen(library->file, RTLD_LAZY | RTLD_LOCAL | RTLD_NODELETE);
   if (*handle == NULL)
     return ern_fail(context, ERN_E_UNSUPPORTED,

@@ -129,7 +129,7 @@ ern_status ern_lpips_open(ern_lpips **lpips, ern_context *context, const char *n
   ERN_NEED(context, network);
   ERN_NEED(context, heads);
   static const struct ern_loaded_library about = {SONAME(ERN_VERSION_MAJOR), "ern_perceptual",
-                                                  "ERNERF_PERCEPTUAL (oneDNN)"};
+                                                  "ERNERF_PERCEPTUAL (oneDNN)", NULL};
   const char *const paths[2] = {network, heads};
   struct ern_tensor_file files[2] = {{0}};
   const void *table = NULL;

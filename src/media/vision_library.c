@@ -12,7 +12,7 @@
 
 ern_status ern_vision_load(ern_context *context, const char *what, void **library, const struct ern_vision **vision) {
   static const struct ern_loaded_library about = {SONAME(ERN_VERSION_MAJOR), "ern_vision",
-                                                  "ERNERF_VISION (OpenCV's DNN module)"};
+                                                  "ERNERF_VISION (OpenCV's DNN module)", NULL};
   const void *table = NULL;
   const ern_status status = ern_library_load(context, what, &about, library, &table);
   *vision = table;

@@ -35,6 +35,8 @@ static inline size_t size_count(void) { return is_small() ? SMALL_SIZES : COUNT_
 static inline bool is_emulated(void) { return getenv("ERNERF_EMULATED") != NULL; }
 /* Whether a sample of the models is enough: also on a device, which builds kernels for each; PoCL does for seconds. */
 static inline bool is_sampled(void) { return is_emulated() || (is_device(machines.count - 1) && !is_long()); }
+/* Of many shapes at many sizes, one combination of so many is enough. */
+static inline size_t one_of(void) { return is_emulated() ? (is_long() ? 3 : 40) : is_long() ? 1 : 3; }
 static inline int emulated_side(int side) { return is_emulated() ? (side + 2) / 3 : side; }
 
 static inline float random_at(uint64_t seed, size_t at, float scale) { return machines_random(seed, at, scale); }

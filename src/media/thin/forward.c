@@ -16,8 +16,9 @@ static _Atomic(const struct ern_media_functions *) bound;
 
 /* Returns NULL where the library cannot be loaded; *status and the context's error have the reason. */
 static const struct ern_media_functions *load(ern_context *context, const char *what, ern_status *status) {
+  static const char *const first[] = {ERN_MEDIA_FIRST NULL}; /* "libopenvdb.so.10.0", "libgdal.so.32", */
   static const struct ern_loaded_library library = {SONAME(ERN_VERSION_MAJOR), "ern_media_functions",
-                                                    "OpenImageIO, OpenCV and FFmpeg, and these libraries"};
+                                                    "OpenImageIO, OpenCV and FFmpeg, and these libraries", first};
   const struct ern_media_functions *functions = atomic_load_explicit(&bound, memory_order_acquire);
   void *handle = NULL;
   const void *table = NULL;
