@@ -30,6 +30,16 @@ static inline void recorded_clip_write(const char *hash, double from, int x, int
   ern_context_free(&context);
 }
 
+/* Of e2e/shared_clips: the clip as clip, 16 frames of 96 x 96 pixels; its video as clip.mp4, if wanted; its head as
+ * h.safetensors. */
+static inline void recorded_clip_take(bool with_video) {
+  char path[2048];
+  cli_shared_clip("recorded", "clip");
+  cli_shared_model("recorded_head", "h");
+  cli_shared_path(path, "recorded.mp4");
+  if (with_video) assert_int_equal(symlink(path, "clip.mp4"), 0);
+}
+
 /* Frame k is grey, 15 k: `frames` is at most 17. */
 static inline void recorded_clip_grey(const char *path, double pixel_aspect, int width, int height, int frames) {
   ern_context *context = support_context();

@@ -224,7 +224,7 @@ static inline void cli_shared_path(char path[2048], const char *name) {
   if (!cli_there(path)) fail_msg("%s is missing: e2e/shared_clips makes it", path);
 }
 
-/* A clip of links: "short" (33 frames, 3 of them for validation) or "long" (66, 6). */
+/* A clip of links: "short" (33 frames, 3 of them for validation), "long" (66, 6) or "recorded" (16). */
 static inline void cli_shared_clip(const char *name, const char *to) {
   char path[2048];
   cli_shared_path(path, name);
@@ -239,7 +239,8 @@ static inline void cli_shared_video(void) {
   cli_shared_clip("person", "truth");
 }
 
-/* TO.safetensors and TO.run: "short_head" (20 steps of 2 levels) or "long_head" (6 steps of 4 levels). A program that
+/* TO.safetensors and TO.run: "short_head" (20 steps of 2 levels) or "long_head" (6 steps of 4 levels) or
+ * "recorded_head" (200 steps of 2 levels). A program that
  * goes on with a model may write through links, so these are no links. */
 static inline void cli_shared_model(const char *name, const char *to) {
   static const char *const files[] = {".safetensors", ".run/state.safetensors", ".run/log.jsonl", ".run/curve.csv",

@@ -14,7 +14,7 @@ static void soak(const char *more, const char *seed, bool torso) {
   support_clear(left);
   assert_int_equal(mkdir(left, 0777), 0);
   assert_int_equal(setenv("TMPDIR", left, 1), 0);
-  cli_run(&cli, "soak %s/data/tiny --seconds 4 --seed %s %s --json -", getenv("ERNERF_SOURCE"), seed, more);
+  cli_run(&cli, "soak %s/data/tiny --steps 20 --seed %s %s --json -", getenv("ERNERF_SOURCE"), seed, more);
   cli_expect(&cli, 0, "all finite", seed, NULL);
   json_t *report = cli_json(&cli, NULL);
   assert_true(count_of(report, "steps") > 0 && count_of(report, "rounds") > 0 && count_of(report, "frames") > 0);

@@ -159,7 +159,7 @@ static ern_status mean_square(void *user, const float *pixel, const float *truth
 
 /* It is called once before, and once a patch of the fine stage alone. A resume needs it again, also before that stage
  * begins; what it returns ends the step. */
-static void test_loss_of_the_program(void **state) {
+static void test_loss_of_the_program_long(void **state) {
   (void)state;
   int calls = 0;
   const ern_fine_loss loss = {"mean square", mean_square, &calls};
@@ -244,7 +244,7 @@ int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_patch_places),
                                      cmocka_unit_test(test_rays_of_a_fine_step),
                                      cmocka_unit_test(test_resumed_fine_stage_long),
-                                     cmocka_unit_test(test_loss_of_the_program),
+                                     cmocka_unit_test(test_loss_of_the_program_long),
                                      cmocka_unit_test(test_fine_stage_of_flat_pictures_long),
                                      cmocka_unit_test(test_refused_fine_stage)};
   return cmocka_run_group_tests(tests, open_clip, close_clip);

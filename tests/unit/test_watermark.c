@@ -61,7 +61,7 @@ static double search(ern_context *context, const char *key, const ern_image *fra
   return false_positive;
 }
 
-static void test_found_with_its_key_alone(void **state) {
+static void test_found_with_its_key_alone_long(void **state) {
   (void)state;
   static const int sizes[][2] = {{301, 257}, {128, 128}, {129, 515}, {256, 256}, {640, 360}};
   const size_t count = getenv("ERNERF_TEST_LONG") != NULL ? sizeof sizes / sizeof *sizes : 3;
@@ -221,7 +221,7 @@ static void test_refused(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_found_with_its_key_alone),
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_found_with_its_key_alone_long),
                                      cmocka_unit_test(test_cut_and_made_smaller),
                                      cmocka_unit_test(test_same_bytes),
                                      cmocka_unit_test(test_list),
