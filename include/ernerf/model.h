@@ -135,8 +135,7 @@ typedef struct ern_tensor_info {
 ERN_API ERN_NODISCARD ern_status ern_file_tensors(ern_context *context, const char *path,
                                                   void (*say)(void *user, const ern_tensor_info *tensor), void *user);
 
-/* SHA-256 of the bytes of a file, as 64 lower-case hex digits: tells one model from another. ERN_E_SHAPE: the file is
- * larger than 1 GiB. */
+/* SHA-256 of the bytes of a file, as 64 lower-case hex digits: tells one model or video from another. */
 ERN_API ERN_NODISCARD ern_status ern_file_sha256(ern_context *context, const char *path, char hex[65]);
 
 /* Applies the correction that training found for the pose of a training frame, in place; the model stays as it is.

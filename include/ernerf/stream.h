@@ -100,6 +100,8 @@ typedef struct ern_stream_options {
   int (*stop)(void *user); /* as in ern_sound_reader_options, while a call waits for the receiver of the stream */
   void *user;              /* handed to `stop` */
   double pixel_aspect;     /* width of a pixel over its height, as it is to be shown: 0.01 to 100, default 1 */
+  const char *preset;      /* of x264, "ultrafast" to "placebo": how much time H.264 takes; NULL (default): "veryfast".
+                              Read by ern_stream_writer_open alone */
 } ern_stream_options;
 
 /* The defaults. */

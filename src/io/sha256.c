@@ -3,9 +3,15 @@
 #include <stdint.h>
 #include <string.h>
 
+#include "core/status.h"
+#include "ernerf/model.h"
 #include "io/file.h"
 
-enum { BLOCK_BYTES = 64, LENGTH_AT = 56 };
+enum { BLOCK_BYTES = 64, LENGTH_AT = 56, PIECE_BYTES = 16384 /* of a file, whole blocks */ };
+
+/* FIPS 180-4, 5.3.3: the first 32 bits of the fractional parts of the square roots of the first 8 primes. */
+static const uint32_t initial[8] = {0x6a09e667, 0xbb67ae85, 0x3c6ef372, 0xa54ff53a,
+                                    0x510e527f, 0x9b05688c, 0x1f83d9ab, 0x5be0cd19};
 
 /* FIPS 180-4, 4.2.2: the first 32 bits of the fractional parts of the cube roots of the first 64 primes. */
 static const uint32_t round_constants[64] = {
@@ -48,11 +54,8 @@ static void absorb(uint32_t state[8], const uint8_t *block) {
   state[4] += e, state[5] += f, state[6] += g, state[7] += h;
 }
 
-void ern_sha256_hex(const void *bytes, size_t count, char hex[65]) {
-  /* 5.3.3: the square roots of the first 8 primes */
-  uint32_t state[8] = {0x6a09e667, 0xbb67ae85, 0x3c6ef372, 0xa54ff53a, 0x510e527f, 0x9b05688c, 0x1f83d9ab, 0x5be0cd19};
-  const uint8_t *at = bytes;
-  size_t left = count;
+/* The last `left` of `count` bytes, and the digest. */
+static void finish(uint32_t state[8], const uint8_t *at, size_t left, size_t count, char hex[65]) {
   for (; left >= BLOCK_BYTES; at += BLOCK_BYTES, left -= BLOCK_BYTES) absorb(state, at);
   /* 5.1.1: a one bit, zeros, the length in bits as 64 bits, big endian; one more block or two */
   uint8_t tail[2 * BLOCK_BYTES] = {0};
@@ -66,4 +69,33 @@ void ern_sha256_hex(const void *bytes, size_t count, char hex[65]) {
   static const char digits[] = "0123456789abcdef";
   for (int i = 0; i < 64; i++) hex[i] = digits[state[i / 8] >> (28 - 4 * (i % 8)) & 15];
   hex[64] = 0;
+}
+
+void ern_sha256_hex(const void *bytes, size_t count, char hex[65]) {
+  uint32_t state[8];
+  memcpy(state, initial, sizeof state);
+  finish(state, bytes, count, count, hex);
+}
+
+/* In pieces, as a video may be larger than the memory. */
+ern_status ern_file_sha256(ern_context *context, const char *path, char hex[65]) {
+  ERN_NEED(context, context);
+  ERN_NEED(context, path);
+  ERN_NEED(context, hex);
+  ern_status status = ERN_OK;
+  struct ern_file_reader reader;
+  uint32_t state[8];
+  uint8_t piece[PIECE_BYTES];
+  size_t at = 0;
+  memcpy(state, initial, sizeof state);
+  ERN_TRY(ern_file_reader_open(context, path, SIZE_MAX, &reader));
+  for (; reader.size - at > PIECE_BYTES; at += PIECE_BYTES) {
+    ERN_TRY(ern_file_reader_take(&reader, at, piece, PIECE_BYTES));
+    for (size_t i = 0; i < PIECE_BYTES; i += BLOCK_BYTES) absorb(state, piece + i);
+  }
+  ERN_TRY(ern_file_reader_take(&reader, at, piece, reader.size - at));
+  finish(state, piece, reader.size - at, reader.size, hex);
+fail:
+  ern_file_reader_close(&reader);
+  return status;
 }

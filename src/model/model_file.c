@@ -505,16 +505,3 @@ ern_status ern_file_tensors(ern_context *context, const char *path,
   ern_tensor_file_free(context, &file);
   return status;
 }
-
-ern_status ern_file_sha256(ern_context *context, const char *path, char hex[65]) {
-  ERN_NEED(context, context);
-  ERN_NEED(context, path);
-  ERN_NEED(context, hex);
-  const size_t limit = (size_t)1 << 30; /* bytes, as of a model that is read */
-  uint8_t *bytes = NULL;
-  size_t count = 0;
-  const ern_status status = ern_file_read(context, path, limit, &bytes, &count);
-  if (status == ERN_OK) ern_sha256_hex(bytes, count, hex);
-  ern_release(context, bytes);
-  return status;
-}

@@ -86,6 +86,10 @@ CHECK(ern_stream_writer_open) {
   REFUSED(w.context, "pixel_aspect is 0, expected 0.01 to 100",
           ern_stream_writer_open(w.context, "a.ts", &options, &writer));
   options.pixel_aspect = 1;
+  options.preset = "slowest";
+  REFUSED(w.context, "preset is \"slowest\", expected one of x264's",
+          ern_stream_writer_open(w.context, "a.ts", &options, &writer));
+  options.preset = NULL;
   options.format = "theora";
   support_expect(w.context, ern_stream_writer_open(w.context, junk, &options, &writer), ERN_E_UNSUPPORTED,
                  "format is \"theora\"", NULL);

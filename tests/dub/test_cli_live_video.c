@@ -73,6 +73,16 @@ static void check_order(const char *path) {
   ern_context_free(&context);
 }
 
+/* x264 says its settings in what it codes: superfast alone of its presets has this one. */
+static void check_preset(const char *path) {
+  static const char fast[] = " subme=1 ";
+  size_t bytes = 0, at = 0;
+  uint8_t *coded = cli_bytes(path, &bytes);
+  while (at < bytes && strncmp((const char *)coded + at, fast, sizeof fast - 1) != 0) at++; /* a 0 follows the bytes */
+  assert_true(at < bytes);
+  free(coded);
+}
+
 /* A sound longer than the video; coded as decoded, and as RGB. */
 static void test_frames(void **state) {
   (void)state;
@@ -86,6 +96,7 @@ static void test_frames(void **state) {
   json_decref(report);
   json_decref(about);
   check_order("out.mp4");
+  check_preset("out.mp4");
   cli_run(&cli, LONG_LIVE "-o marked.mp4 --label . --quiet");
   cli_expect(&cli, 0, NULL);
   check_order("marked.mp4");
@@ -93,6 +104,44 @@ static void test_frames(void **state) {
   cli_expect(&cli, 0, " frames written, 0 repeated, 0 left out, ", " skipped: short.mp4", NULL);
   assert_null(strstr(cli.err, " 0 skipped"));
 #undef LONG_LIVE
+}
+
+/* More frames than the video has: in silence, frames that show the same recorded one are the same, as the mouth is
+ * where the recorded one is, not where it would be between two of them. */
+static void test_other_rate(void **state) {
+  (void)state;
+  enum { RESTS = 20 };
+  static const int16_t silence[LONGER * SOUND_RATE / 25];
+  static uint8_t before[3 * WIDTH * SIDE];
+  ern_context *context = support_context();
+  ern_video_reader *reader = NULL;
+  ern_image picture = {0};
+  double seconds = 0;
+  bool end = false;
+  int same = 0, count = 0;
+  cli_replace("silence.pcm", silence, sizeof silence);
+  cli_run(&cli,
+          "live h.safetensors --clip clip --video clip.mp4 --audio silence.pcm --audio-format s16le --as-fast --fps 50 "
+          "-o fast.y4m --quiet");
+  cli_expect(&cli, 0, NULL);
+  support_ok(context, ern_video_reader_open(context, "fast.y4m", &reader));
+  for (int last = -1;; count++) {
+    support_ok(context, ern_video_reader_frame(reader, &picture, &seconds, &end));
+    if (end) break;
+    const int shown = shown_in(&picture);
+    assert_true(last < 0 || abs(shown - last) <= 1);
+    if (count > RESTS && shown == last) {
+      assert_memory_equal(picture.data, before, sizeof before);
+      same++;
+    }
+    memcpy(before, picture.data, sizeof before);
+    last = shown;
+  }
+  assert_int_equal(count, 2 * LONGER);
+  assert_in_range(same, (2 * LONGER - RESTS) / 2 - 1, 2 * LONGER - RESTS);
+  ern_image_free(context, &picture);
+  ern_video_reader_free(&reader);
+  ern_context_free(&context);
 }
 
 /* In real time, with a rate control, and lines of --control. */
@@ -136,7 +185,7 @@ static void test_refused(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_frames), cmocka_unit_test(test_control),
-                                     cmocka_unit_test(test_refused)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_frames), cmocka_unit_test(test_other_rate),
+                                     cmocka_unit_test(test_control), cmocka_unit_test(test_refused)};
   return cmocka_run_group_tests(tests, make_all, NULL);
 }

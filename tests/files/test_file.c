@@ -8,6 +8,7 @@
 #include <unistd.h>
 
 #include "core/memory.h"
+#include "ernerf/model.h"
 #include "io/file.h"
 #include "io/number.h"
 
@@ -185,6 +186,27 @@ static void test_sha256(void **state) {
   }
 }
 
+/* A file that is longer than the pieces in which it is read, and one that is a piece long; without its bytes in
+ * memory. */
+static void test_sha256_of_file(void **state) {
+  (void)state;
+  static char bytes[1000000];
+  const size_t counts[] = {0, 16384, 16385, sizeof bytes};
+  struct support_meter meter = {0};
+  ern_context *context = support_metered_context(&meter);
+  const size_t empty = meter.now;
+  char hex[65], expected[65];
+  for (size_t i = 0; i < sizeof bytes; i++) bytes[i] = (char)(i * i >> 7);
+  for (size_t i = 0; i < sizeof counts / sizeof *counts; i++) {
+    support_write("hashed", bytes, counts[i]);
+    support_ok(context, ern_file_sha256(context, "hashed", hex));
+    ern_sha256_hex(bytes, counts[i], expected);
+    assert_string_equal(hex, expected);
+  }
+  assert_true(meter.most - empty < 65536);
+  ern_context_free(&context);
+}
+
 static void test_numbers(void **state) {
   (void)state;
   static const char *const good[] = {"0",
@@ -224,9 +246,9 @@ static void test_numbers(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_read),          cmocka_unit_test(test_write),
-                                     cmocka_unit_test(test_write_refused), cmocka_unit_test(test_write_full),
-                                     cmocka_unit_test(test_folders),       cmocka_unit_test(test_sha256),
-                                     cmocka_unit_test(test_numbers)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_read),           cmocka_unit_test(test_write),
+                                     cmocka_unit_test(test_write_refused),  cmocka_unit_test(test_write_full),
+                                     cmocka_unit_test(test_folders),        cmocka_unit_test(test_sha256),
+                                     cmocka_unit_test(test_sha256_of_file), cmocka_unit_test(test_numbers)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

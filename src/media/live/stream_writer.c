@@ -67,15 +67,15 @@ static ern_status check_options(ern_context *context, const char *url, const ern
     const char *name;
     int value, least, most;
   } rows[] = {{"sound_rate", o->sound_rate, sound ? 1 : 0, 384000},
-              {"sound_channels", o->sound_channels, sound ? 1 : 0, 8},
-              {"crf", o->crf, 0, 51}};
+              {"sound_channels", o->sound_channels, sound ? 1 : 0, 8}};
   for (size_t i = 0; i < sizeof rows / sizeof *rows; i++)
     if (rows[i].value < rows[i].least || rows[i].value > rows[i].most)
       return ern_fail(context, ERN_E_ARGUMENT, "%s: %s is %d, expected %d to %d", url, rows[i].name, rows[i].value,
                       rows[i].least, rows[i].most);
   if (!(o->pixel_aspect >= 0.01 && o->pixel_aspect <= 100))
     return ern_fail(context, ERN_E_ARGUMENT, "%s: pixel_aspect is %g, expected 0.01 to 100", url, o->pixel_aspect);
-  const ern_status status = ern_picture_rate_check(context, url, o->rate_numerator, o->rate_denominator);
+  ern_status status = ern_video_codec_check(context, url, ern_video_codec_live(), o->crf, o->preset);
+  if (status == ERN_OK) status = ern_picture_rate_check(context, url, o->rate_numerator, o->rate_denominator);
   return status == ERN_OK ? ern_image_check_sides(context, url, o->width, o->height) : status;
 }
 
@@ -131,8 +131,11 @@ static ern_status open_tracks(ern_stream_writer *w) {
   const int error = avformat_alloc_output_context2(&w->muxer.container, NULL, w->form->muxer, NULL);
   if (error < 0 || w->muxer.packet == NULL)
     ERN_TRY(ern_av_fail(w->context, ERN_E_MEDIA, w->url, "make a stream", error < 0 ? error : AVERROR(ENOMEM)));
-  const struct ern_picture_settings settings = {
-      .coding = w->form->coding, .codec = ern_video_codec_live(), .crf = o->crf, .pixel_aspect = o->pixel_aspect};
+  const struct ern_picture_settings settings = {.coding = w->form->coding,
+                                                .codec = ern_video_codec_live(),
+                                                .preset = o->preset,
+                                                .crf = o->crf,
+                                                .pixel_aspect = o->pixel_aspect};
   ERN_TRY(ern_picture_track_open(&w->muxer, o->width, o->height, rate, &settings, &w->pictures));
   if (o->sound_rate > 0 && w->form->sound != AV_CODEC_ID_NONE)
     ERN_TRY(ern_sound_track_open_live(&w->muxer, o->sound_rate, o->sound_channels, w->form->sound, &w->sound));

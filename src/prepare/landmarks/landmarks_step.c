@@ -15,6 +15,7 @@
 
 enum { LOOKS = 240, LOWER_COLUMNS = 61, LOWER_ROWS = 76, CHIN_COLUMNS = 88, CHIN_ROWS = 104 };
 static const double lower_step = 0.001, chin_step = 0.0006; /* metres */
+static const float most_drop = 0.03f;                       /* of the jaw, metres */
 
 struct fit {
   struct ern_prepare_job *job;
@@ -145,29 +146,57 @@ fail:
   return status;
 }
 
-/* *drop: metres by which the chin is lower in a crop than in the crop at rest: the median flow below the lower lip. */
-static ern_status chin_drop(struct fit *fit, const uint8_t *rest, const uint8_t *crop, float *flow, float *values,
-                            float *drop) {
-  size_t n = 0;
-  const ern_status status = ern_optical_flow(fit->job->context, rest, crop, CHIN_COLUMNS, CHIN_ROWS, flow);
-  for (int r = 0; r < CHIN_ROWS; r++)
-    for (int c = 0; c < CHIN_COLUMNS; c++) {
-      const double under = (r - 0.5 * (CHIN_ROWS - 1)) * chin_step + 0.010; /* the mouth's line */
-      const double aside = fabs(c - 0.5 * (CHIN_COLUMNS - 1)) * chin_step;
-      if (under > 0.012 && under < 0.028 && aside < 0.014) values[n++] = flow[2 * (r * CHIN_COLUMNS + c) + 1];
-    }
-  *drop = ern_quantile(values, n, 0.5) * (float)chin_step;
-  return status;
+static bool is_chin(int r, int c) {
+  const double under = (r - 0.5 * (CHIN_ROWS - 1)) * chin_step + 0.010; /* the mouth's line */
+  const double aside = fabs(c - 0.5 * (CHIN_COLUMNS - 1)) * chin_step;
+  return under > 0.012 && under < 0.028 && aside < 0.014;
 }
 
-static void take_chin(struct fit *fit, size_t frame, float *values, uint8_t *crop) {
+/* Mean difference of the chin at rest from what a crop has so many rows below. */
+static double chin_differs(const uint8_t *rest, const uint8_t *crop, int rows) {
+  double sum = 0, n = 0;
+  for (int r = 0; r < CHIN_ROWS; r++)
+    for (int c = 0; c < CHIN_COLUMNS; c++) {
+      if (!is_chin(r, c) || r + rows < 0 || r + rows >= CHIN_ROWS) continue;
+      sum += abs(rest[r * CHIN_COLUMNS + c] - crop[(r + rows) * CHIN_COLUMNS + c]);
+      n++;
+    }
+  return n > 0 ? sum / n : HUGE_VAL;
+}
+
+/* The frame's picture round the chin, `drop` metres below the chin at rest. */
+static void take_chin(struct fit *fit, size_t frame, float drop, float *values, uint8_t *crop) {
   const struct ern_stabilized_crop chin = {.x = fit->middle_x + fit->mouth_x,
-                                           .y = fit->eyes_y - fit->mouth - 0.010,
+                                           .y = fit->eyes_y - fit->mouth - 0.010 - (double)drop,
                                            .step = chin_step,
                                            .columns = CHIN_COLUMNS,
                                            .rows = CHIN_ROWS};
   ern_stabilized_crop_take(&chin, &fit->poses[frame], fit->job, fit->grey, values);
   for (int i = 0; i < CHIN_COLUMNS * CHIN_ROWS; i++) crop[i] = (uint8_t)lrintf(fminf(fmaxf(values[i], 0), 255));
+}
+
+/* *drop: metres by which the chin is lower than at rest: the median flow below the lower lip. The flow does not find a
+ * chin that is too far away, so it is also looked for from where it was in the frame before; the better match is
+ * taken. */
+static ern_status chin_drop(struct fit *fit, size_t frame, const uint8_t *rest, uint8_t *crop, float *flow,
+                            float *values, float *drop) {
+  const float starts[2] = {0, fminf(fmaxf(*drop, -most_drop), most_drop)};
+  double least = HUGE_VAL;
+  for (int i = 0; i < (starts[1] != 0 ? 2 : 1); i++) {
+    size_t n = 0;
+    take_chin(fit, frame, starts[i], values, crop);
+    const ern_status status = ern_optical_flow(fit->job->context, rest, crop, CHIN_COLUMNS, CHIN_ROWS, flow);
+    if (status != ERN_OK) return status;
+    for (int r = 0; r < CHIN_ROWS; r++)
+      for (int c = 0; c < CHIN_COLUMNS; c++)
+        if (is_chin(r, c)) values[n++] = flow[2 * (r * CHIN_COLUMNS + c) + 1];
+    const float rows = ern_quantile(values, n, 0.5);
+    const double differs = chin_differs(rest, crop, (int)lrintf(rows));
+    if (differs >= least) continue;
+    least = differs;
+    *drop = starts[i] + rows * (float)chin_step;
+  }
+  return ERN_OK;
 }
 
 /* Measures the openings of all frames, relative to the lowest tenth of them, which counts as a closed mouth. */
@@ -184,16 +213,16 @@ static ern_status follow_chin(struct fit *fit) {
   ERN_TRY(ERN_NEW(context, 2 * PIXELS, &flow));
   ERN_TRY(ERN_NEW(context, frames, &sorted));
   ERN_TRY(ern_frame_grey(fit->job, frames / 2, fit->grey));
-  take_chin(fit, frames / 2, values, rest);
+  take_chin(fit, frames / 2, 0, values, rest);
   for (size_t i = 0; i < frames; i++) {
     ERN_TRY(ern_frame_grey(fit->job, i, fit->grey));
-    take_chin(fit, i, values, crop);
-    ERN_TRY(chin_drop(fit, rest, crop, flow, values, &fit->opening[i]));
+    fit->opening[i] = i > 0 ? fit->opening[i - 1] : 0;
+    ERN_TRY(chin_drop(fit, i, rest, crop, flow, values, &fit->opening[i]));
     sorted[i] = fit->opening[i];
     ERN_TRY(ern_prepare_progress(fit->job, LOOKS / 2 + i, LOOKS + frames));
   }
   const float closed = ern_quantile(sorted, frames, 0.1), wide = ern_quantile(sorted, frames, 0.95);
-  for (size_t i = 0; i < frames; i++) fit->opening[i] = fminf(fmaxf(fit->opening[i] - closed, 0), 0.03f);
+  for (size_t i = 0; i < frames; i++) fit->opening[i] = fminf(fmaxf(fit->opening[i] - closed, 0), most_drop);
   ern_prepare_figure(fit->job, "opening_mm", 1000 * (double)(wide - closed));
 fail:
   ern_release(context, rest);

@@ -215,16 +215,6 @@ double recorded_video_second(const struct frame_source *frames, size_t k) {
   return (from + (double)frames->source_frame[k].toward * (to - from)) / RATE_CLIP;
 }
 
-void recorded_video_region(const struct recorded_video *video, bool *in_place, int region[4]) {
-  const int *square = video->square, all[4] = {0, 0, video->info.width, video->info.height};
-  *in_place = *in_place && ern_video_frame_is_plain(video->window[0].frame);
-  memcpy(region, all, sizeof all);
-  for (int c = 0; c < 2 && *in_place; c++) {
-    region[c] = square[c] & ~1;
-    region[c + 2] = ((square[c] + square[c + 2] + 1) & ~1) - region[c];
-  }
-}
-
 int recorded_video_rgb(struct recorded_video *video, struct session *session, const ern_video_frame *frame,
                        const int part[4], ern_image *image) {
   return ern_video_reader_rgb(video->reader, frame, part, image) == ERN_OK ? 0 : session_fail(session);

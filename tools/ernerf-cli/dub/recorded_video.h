@@ -37,10 +37,6 @@ int recorded_video_frame(struct recorded_video *video, struct session *session, 
 int recorded_video_check(struct session *session, const char *clip, const struct frame_source *frames);
 /* The second after the clip's first frame that frame k of clip frames shows. */
 double recorded_video_second(const struct frame_source *frames, size_t k);
-/* region: x, y, width, height of the part of the frames that is composed. Where *in_place, the frames may be coded as
- * they were decoded outside it: it is the square, grown to even numbers. Else, and where a frame is not plain, when
- * *in_place becomes false, it is all. */
-void recorded_video_region(const struct recorded_video *video, bool *in_place, int region[4]);
 /* A frame of the video as RGB; part: x, y, width, height of a plain one, NULL: all of it. image: {0} before the first
  * call, then the same one; the caller frees it. */
 int recorded_video_rgb(struct recorded_video *video, struct session *session, const ern_video_frame *frame,

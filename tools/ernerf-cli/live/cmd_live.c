@@ -226,13 +226,14 @@ static int open_poses(struct live_job *job, const struct args *args) {
   struct frame_source *poses = &job->poses;
   int status = frame_source_of_clip(poses, session, job->portrait.clip, FRAME_SOURCE_ALL);
   if (status == 0) status = control_clip(&job->control, session, args, poses);
-  if (status == 0 && job->video.path != NULL) status = live_video_keep_poses(session, &job->portrait, poses);
+  if (status == 0 && job->video.path != NULL)
+    status = live_video_keep_poses(&job->video, session, &job->portrait, poses);
   if (status == 0) status = frame_source_replay(poses, session, poses->count > 1 ? 2 * poses->count - 1 : 2, NULL);
   if (status != 0) return status;
-  job->now = *poses;
+  job->now = job->video.path != NULL ? job->video.clip_frames : *poses;
+  job->now.frame = job->now.source_frame;
   job->now.source_frame = &job->place;
   job->now.count = 1;
-  job->now.frame = poses->source_frame;
   if (job->size.width == 0) job->size = (struct dimensions){poses->camera.width, poses->camera.height};
   return 0;
 }
@@ -244,6 +245,7 @@ static int open_video(struct live_job *job) {
   if (live_video_open(&job->video, &job->session, job->portrait.source.path) != 0) return EXIT_FAILURE;
   job->size = (struct dimensions){info->width, info->height};
   job->output.pixel_aspect = info->pixel_aspect;
+  job->output.preset = "superfast"; /* as in dub: with the default whole frames take half as long again */
   if (asked.width == 0 || (asked.width == info->width && asked.height == info->height)) return 0;
   return session_fail_with(&job->session,
                            "--size is %dx%d, expected %dx%d, that of %s: recorded frames keep their size", asked.width,

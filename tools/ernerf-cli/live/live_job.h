@@ -49,9 +49,9 @@ struct live_job {
   bool unpaced; /* draw each frame as soon as its sound has arrived, always with the settings of the command line */
   /* made */
   struct background background;
-  struct frame_source poses;    /* the clip's poses forward and backward: one period, then its first frame again */
-  struct frame_source now;      /* the one frame to draw; its `frame` is that of `poses` */
-  struct source_frame place;    /* the frame of `now` */
+  struct frame_source poses; /* the clip's poses forward and backward: one period, then its first frame again */
+  struct frame_source now;   /* the one frame to draw; its `frame` is that of `poses`, with --video all of the clip */
+  struct source_frame place; /* the frame of `now` */
   const ern_features *features; /* the clip's, to time settings on */
   float *windows;               /* scratch for live_calibration_draw */
   uint8_t *look;

@@ -129,6 +129,7 @@ int live_output_open(struct live_output *output, struct session *session, struct
   output->options.sound_rate = sound_rate;
   output->options.sound_channels = channels;
   output->options.crf = output->crf;
+  output->options.preset = output->preset;
   if (output->pixel_aspect > 0) output->options.pixel_aspect = output->pixel_aspect;
   output->options.provenance = output->provenance;
   output->options.stop = asks_to_stop;

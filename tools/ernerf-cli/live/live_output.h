@@ -27,6 +27,7 @@ struct live_output {
   /* from the command line */
   const char *url, *format;
   int crf;
+  const char *preset;               /* of x264, set by the verb; NULL: the default */
   const ern_provenance *provenance; /* provenance written into the stream, set by the verb; NULL: none */
   double pixel_aspect;              /* of the frames, width of a pixel over its height, set by the verb; 0: 1 */
   bool drops;                       /* when the queue is full, drop frames; else drawing waits */

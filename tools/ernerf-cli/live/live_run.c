@@ -11,9 +11,10 @@
 
 /* Advances pose and recorded frame forward and backward through the clip, at the clip's rate, also during silence. */
 static int move(struct live_job *job) {
-  job->place = frame_source_cycle(&job->poses, job->rate, job->moved);
+  const bool dubs = job->video.path != NULL;
+  if (dubs && live_video_show(&job->video, job->moved) != 0) return EXIT_FAILURE;
+  job->place = dubs ? job->video.shown->place : frame_source_cycle(&job->poses, job->rate, job->moved);
   if (job->eye >= 0) job->place.eye = job->eye;
-  if (job->video.path != NULL && live_video_show(&job->video, job->moved) != 0) return EXIT_FAILURE;
   if (!job->held) job->moved++;
   return 0;
 }

@@ -18,12 +18,14 @@ struct live_video {
   struct rate rate;
   struct recorded_video recorded; /* the thread's, while it runs */
   struct dubbed_frame dubbed;
+  struct frame_source clip_frames;  /* all of the clip */
   const struct frame_source *poses; /* of one period, then its first one again */
   bool in_place;                    /* outside `region` the recorded pixels are coded as they were decoded */
-  int region[4]; /* x, y, width, height of what is composed, pixels of the video: the square, or all */
+  int region[4]; /* x, y, width, height of what is composed, pixels of the video: the boxes of all poses, or all */
   struct live_recorded {
     ern_video_frame *frame;
     ern_image rgb;                 /* its region */
+    struct source_frame place;     /* what it shows: between two of clip_frames */
   } pictures[LIVE_VIDEO_PICTURES]; /* the queue's */
   struct bounded_queue queue;
   pthread_t reader;
@@ -37,7 +39,8 @@ struct live_video {
 /* Opens the video that the clip was prepared from; another one is refused. */
 int live_video_open(struct live_video *video, struct session *session, const char *clip);
 /* Of all poses of the clip, keeps those between the two frames where the video turns. */
-int live_video_keep_poses(struct session *session, const struct portrait *portrait, struct frame_source *poses);
+int live_video_keep_poses(struct live_video *video, struct session *session, const struct portrait *portrait,
+                          struct frame_source *poses);
 /* Starts the thread. in_place: the output takes recorded frames. poses: those that were kept, forward and backward,
  * then the first one again. They must outlive the video. */
 int live_video_start(struct live_video *video, struct session *session, const struct portrait *portrait,

@@ -1,0 +1,75 @@
+/* SPDX-License-Identifier: MIT
+ * Landmarks without a network: a jaw that opens wide is followed. */
+#include "ernerf/media.h"
+#include "io/landmarks.h"
+#include "prepare_test.h"
+
+enum { SIDE = 256, FRAMES = 40 };
+
+static const double widest = 0.022, depth = 0.75; /* metres */
+
+/* Metres by which the jaw is lowered: closed, wide open five frames later, closed again, twice. */
+static double opening_at(size_t frame) {
+  const size_t at = frame % 20;
+  return at < 8 ? 0 : widest * fmin(fmin((double)(at - 7) / 5, 1), (double)(20 - at) / 5);
+}
+
+/* Grey of the face `down` metres below the eyes, `aside` from its middle: lips and chin move with the jaw, and what
+ * they leave is dark. */
+static double grey_at(double aside, double down, double opening) {
+  const double mouth = 0.068, jaw = down - opening;
+  if (down > mouth && jaw < mouth && fabs(aside) < 0.02) return 40;
+  const double y = down > mouth ? jaw : down;
+  const double lip = exp(-pow((y - mouth) / 0.006, 2) - pow(aside / 0.02, 2)),
+               crease = exp(-pow((y - mouth - 0.014) / 0.003, 2)), chin = exp(-pow((y - mouth - 0.030) / 0.004, 2));
+  return 170 - 50 * lip - 25 * crease - 40 * chin + 6 * sin(900 * aside) * sin(700 * y);
+}
+
+static void write_clip(struct made_job *m) {
+  static uint8_t pixels[3 * SIDE * SIDE];
+  struct ern_head_pose poses[FRAMES];
+  const ern_image image = {.width = SIDE, .height = SIDE, .channels = 3, .data = pixels};
+  struct ern_found_face face = {.x = 60, .y = 60, .width = 140, .height = 140};
+  made_job_open(m, "clip", SIDE, FRAMES);
+  assert_int_equal(mkdir("clip/ori_imgs", 0777), 0);
+  for (size_t i = 0; i < FRAMES; i++) {
+    char path[64];
+    poses[i] = made_pose(0, 0, 0, 0, 0, depth);
+    for (int p = 0; p < SIDE * SIDE; p++) {
+      const double pixel[2] = {p % SIDE + 0.5, p / SIDE + 0.5};
+      double at[3];
+      const bool hit = ern_head_intersect(&poses[i], m->job.focal, 0.5 * SIDE, pixel, false, at);
+      memset(pixels + 3 * p, hit ? (int)grey_at(at[0], ERN_HEAD_EYES_Y - at[1], opening_at(i)) : 90, 3);
+    }
+    snprintf(path, sizeof path, "clip/ori_imgs/%zu.jpg", i);
+    support_ok(m->job.context, ern_image_write(m->job.context, path, &image, 98));
+  }
+  support_ok(m->job.context, ern_prepare_poses_write(&m->job, poses));
+  support_ok(m->job.context, ern_prepare_faces_write(&m->job, &face, 1));
+}
+
+/* The chin (landmark 8) is as much lower than in frame 0, whose mouth is closed, as the jaw: but for a pixel of the
+ * crop in which it is looked for, 0.6 mm. */
+static void test_wide(void **state) {
+  (void)state;
+  struct made_job m;
+  float points[ERN_LANDMARKS][2], closed = 0;
+  write_clip(&m);
+  support_ok(m.job.context, ern_prepare_landmarks(&m.job));
+  for (size_t i = 0; i < FRAMES; i++) {
+    char path[64];
+    snprintf(path, sizeof path, "clip/ori_imgs/%zu.lms", i);
+    support_ok(m.job.context, ern_landmarks_read(m.job.context, path, points));
+    if (i == 0) closed = points[8][1];
+    const double pixels = m.job.focal / (depth - ERN_HEAD_EYES_Z), /* of a metre */
+        drop = ((double)points[8][1] - (double)closed) / pixels;
+    if (!(fabs(drop - opening_at(i)) < 0.0006))
+      fail_msg("frame %zu: the chin is %g m lower, expected %g", i, drop, opening_at(i));
+  }
+  made_job_close(&m);
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_wide)};
+  return cmocka_run_group_tests(tests, NULL, NULL);
+}
