@@ -6,6 +6,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "backend_opencl/device/limits.h"
+
 enum {
   MAX_PLATFORMS = 16,
   MAX_DEVICES = ERN_CL_MAX_DEVICES,
@@ -109,5 +111,9 @@ ern_status ern_cl_device_open(ern_context *context, int number, struct ern_cl_de
   if (number_of(device->id, CL_DEVICE_COMPILER_AVAILABLE, sizeof(cl_bool)) == 0)
     return ern_fail(context, ERN_E_UNSUPPORTED, "OpenCL: device %d (%s) has no compiler for kernels", number,
                     device->name);
+  if (device->group_most < ERN_CL_LIMIT_group_items)
+    return ern_fail(context, ERN_E_UNSUPPORTED,
+                    "OpenCL: device %d (%s) has work-groups of %zu items at most, expected %d or more", number,
+                    device->name, device->group_most, ERN_CL_LIMIT_group_items);
   return ERN_OK;
 }
