@@ -18,7 +18,10 @@
  *   ERNERF_FAULT_OPTIONS=1               division is not correctly rounded, and no build option is known but -D and
  *                                        -cl-std=CL1.2
  *   ERNERF_FAULT_TIMES=1                 events have no times
- *   ERNERF_FAULT_CODE=-5                 what the calls return; without it CL_DEVICE_NOT_AVAILABLE */
+ *   ERNERF_FAULT_FLOAT_ADD=2|3           the device has cl_ext_float_atomics, or is AMD's and its compiler has the
+ * builtin for additions to floats (as ern_cl_float_add counts); a program that swaps in a loop does not build. -2, -3:
+ * it is announced alone ERNERF_FAULT_CODE=-5                 what the calls return; without it CL_DEVICE_NOT_AVAILABLE
+ */
 #define CL_TARGET_OPENCL_VERSION 120
 #include <CL/cl.h>
 #include <CL/cl_layer.h>
@@ -111,8 +114,16 @@ static cl_ulong limit_of(cl_device_info what) {
   }
 }
 
+enum { SINGLE_FP_ATOMIC_CAPABILITIES = 0x4231, GLOBAL_FP_ATOMIC_ADD = 1 << 1 }; /* of cl_ext_float_atomics */
+
 static cl_int CL_API_CALL get_device_info(cl_device_id device, cl_device_info what, size_t bytes, void *value,
                                           size_t *needed) {
+  const long long float_add = llabs(number_of("ERNERF_FAULT_FLOAT_ADD", 0));
+  const cl_bitfield adds = GLOBAL_FP_ATOMIC_ADD;
+  if (what == SINGLE_FP_ATOMIC_CAPABILITIES && float_add == 2 && bytes == sizeof adds) {
+    memcpy(value, &adds, sizeof adds);
+    return CL_SUCCESS;
+  }
   const cl_int code = driver->clGetDeviceInfo(device, what, bytes, value, needed);
   const cl_ulong limit = limit_of(what);
   cl_ulong found = 0; /* a size_t has as many bytes */
@@ -122,6 +133,9 @@ static cl_int CL_API_CALL get_device_info(cl_device_id device, cl_device_info wh
     found &= ~(cl_ulong)CL_FP_CORRECTLY_ROUNDED_DIVIDE_SQRT;
   if (limit > 0 && found > limit) found = limit;
   memcpy(value, &found, sizeof found);
+  if (what == CL_DEVICE_EXTENSIONS && float_add > 0)
+    snprintf((char *)value + strlen(value), bytes - strlen(value), " %s",
+             float_add == 2 ? "cl_ext_float_atomics" : "cl_amd_device_attribute_query");
   return CL_SUCCESS;
 }
 
@@ -161,6 +175,32 @@ static cl_int CL_API_CALL release_memory(cl_mem memory) {
 }
 
 /* ---- programs ---------------------------------------------------------------------------------------------------- */
+
+/* Before a source: a compiler that has one of the two additions, and no other way to swap. */
+static const char float_adds[] =
+    "static inline void faults_add(volatile global uint *at, float value) {\n"
+    "  uint before = atomic_or(at, 0), found;\n"
+    "  while ((found = atomic_cmpxchg(at, before, as_uint(as_float(before) + value))) != before) before = found;\n"
+    "}\n"
+    "#define atomic_cmpxchg(...) swaps_in_a_loop\n"
+    "#if __OPENCL_C_VERSION__ >= 300\n"
+    "#define atomic_fetch_add_explicit(at, value, order) \\\n"
+    "  faults_add((volatile global uint *)(at), order == memory_order_relaxed ? (value) : NAN)\n"
+    "#else\n"
+    "#define __builtin_amdgcn_global_atomic_fadd_f32(at, value) faults_add((volatile global uint *)(at), value)\n"
+    "#endif\n";
+
+static cl_program CL_API_CALL create_program(cl_context context, cl_uint count, const char **texts, const size_t *bytes,
+                                             cl_int *code) {
+  enum { MOST = 8 };
+  const char *text[MOST + 1] = {float_adds};
+  size_t length[MOST + 1] = {sizeof float_adds - 1};
+  if (number_of("ERNERF_FAULT_FLOAT_ADD", 0) <= 0 || count > MOST || bytes == NULL)
+    return driver->clCreateProgramWithSource(context, count, texts, bytes, code);
+  memcpy(text + 1, texts, count * sizeof *text);
+  memcpy(length + 1, bytes, count * sizeof *length);
+  return driver->clCreateProgramWithSource(context, count + 1, text, length, code);
+}
 
 /* Whether the options are of those that every driver knows. */
 static bool are_known(const char *options) {
@@ -313,6 +353,7 @@ CL_API_ENTRY cl_int CL_API_CALL clInitLayer(cl_uint entries, const cl_icd_dispat
   layer.clGetDeviceInfo = get_device_info;
   layer.clCreateBuffer = create_buffer;
   layer.clReleaseMemObject = release_memory;
+  layer.clCreateProgramWithSource = create_program;
   layer.clBuildProgram = build;
   layer.clGetProgramBuildInfo = get_build_info;
   layer.clSetKernelArg = set_argument;

@@ -10,6 +10,7 @@
 #include "backend_opencl/device/peak.h"
 #include "backend_opencl/opencl.h"
 #include "ernerf/backend.h"
+#include "hashgrid/hashgrid.h"
 
 struct bench {
   ern_context *context;
@@ -267,7 +268,7 @@ static void test_extensions(void **state) {
     const size_t *bytes;
   } sources[] = {
 #define SOURCE(name) {#name, ern_cl_text_##name, &ern_cl_bytes_##name},
-      SOURCE(common) SOURCE(samples) SOURCE(tensor) SOURCE(tile) ERN_CL_SOURCES(SOURCE)
+      SOURCE(common) SOURCE(float_add) SOURCE(samples) SOURCE(tensor) SOURCE(tile) ERN_CL_SOURCES(SOURCE)
 #undef SOURCE
   };
   (void)state;
@@ -277,6 +278,59 @@ static void test_extensions(void **state) {
       if (has_word(code, optional[w])) fail_msg("%s.cl uses %s", sources[i].name, optional[w]);
     free(code);
   }
+}
+
+/* ---- additions to floats ----------------------------------------------------------------------------------------- */
+
+static void take_device(void *user, const ern_device_info *device) {
+  if (strcmp(device->kind, "opencl") == 0) *(bool *)user |= device->adds_floats;
+}
+
+/* The table's gradient of samples that all lie in one cell of three entries, with integers: sums are exact. */
+static void run_grid(struct bench *b, float dtable[4]) {
+  enum { N = 200 };
+  struct ern_grid grid = {.dims = 1, .levels = 1, .features = 1, .bound = 1, .entries = 4};
+  float x[N] = {0}, df[N];
+  grid.level[0] = (struct ern_grid_level){.scale = 1, .resolution = 2, .offset = 0, .size = 4};
+  for (int i = 0; i < N; i++) df[i] = (float)(i % 9);
+  struct ern_grid_bwd_args args = {
+      .dtable = take(b, 4, dtable),
+      .df = {take(b, N, df), N, 1, ERN_PER_SAMPLE},
+      .forward = {.x = {take(b, N, x)}, .table = take(b, 4, dtable), .grid = &grid, .n = N}};
+  b->backend->deterministic = false; /* a CPU's is always so */
+  support_ok(b->context, b->backend->grid_bwd(b->stream, &args));
+  support_ok(b->context, b->backend->download_reals(b->stream, dtable, args.dtable, 4));
+}
+
+/* Which way is taken, what it computes, and what the list of devices says. A device that announces a way which its
+ * compiler does not have takes the loop. */
+static void test_float_add(void **state) {
+  static const struct {
+    int fault;
+    ern_cl_float_add expected;
+  } cases[] = {{0, ERN_CL_FLOAT_ADD_LOOP},
+               {2, ERN_CL_FLOAT_ADD_EXTENSION},
+               {3, ERN_CL_FLOAT_ADD_AMD},
+               {-2, ERN_CL_FLOAT_ADD_LOOP},
+               {-3, ERN_CL_FLOAT_ADD_LOOP}};
+  float expected[4] = {0};
+  (void)state;
+  for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+    float found[4] = {0};
+    bool adds = false;
+    struct bench b;
+    set("ERNERF_FAULT_FLOAT_ADD", cases[i].fault);
+    bench_open(&b, "cpu");
+    if (i == 0 && device_of(&b)->float_add != ERN_CL_FLOAT_ADD_LOOP) skip(); /* no device for simulations */
+    assert_int_equal(device_of(&b)->float_add, cases[i].expected);
+    run_grid(&b, i == 0 ? expected : found);
+    if (i > 0) assert_memory_equal(found, expected, sizeof found);
+    support_ok(b.context, ern_devices_list(b.context, take_device, &adds));
+    assert_true(adds == (cases[i].expected != ERN_CL_FLOAT_ADD_LOOP));
+    bench_close(&b);
+  }
+  assert_true(expected[0] + expected[1] + expected[2] + expected[3] == 793);
+  set("ERNERF_FAULT_FLOAT_ADD", 0);
 }
 
 /* Stage times are then the host's. */

@@ -73,6 +73,9 @@ void ern_cl_device_query(struct ern_cl_device *device) {
   device->nvidia = has_extension(extensions, "cl_nv_device_attribute_query");
   device->half = has_extension(extensions, "cl_khr_fp16");
   device->subgroups = has_extension(extensions, "cl_khr_subgroups") || has_extension(extensions, "cl_intel_subgroups");
+  device->float_add =
+      ern_cl_float_add_find(device->platform, id, device->nvidia, has_extension(extensions, "cl_ext_float_atomics"),
+                            has_extension(extensions, "cl_amd_device_attribute_query"));
   const int native = (int)number_of(id, CL_DEVICE_NATIVE_VECTOR_WIDTH_FLOAT, sizeof(cl_uint));
   device->width = 1;
   /* overrides the form, to compare both on one device */

@@ -22,8 +22,8 @@
   /* Local memory of a group: CL_DEVICE_LOCAL_MEM_SIZE. 32 KiB at least (table 4.3); 48 KiB on an H100.              \
    * ERNERF_FAULT_LOCAL */                                                                                           \
   LIMIT(local_bytes, 32 << 10)                                                                                       \
-  /* Items of a group: CL_DEVICE_MAX_WORK_GROUP_SIZE is asked for larger ones; 1,024 on NVIDIA, 256 on AMD, and no   \
-   * more than 1 is promised (table 4.3), but 64 is what a wavefront of AMD has. ERNERF_FAULT_GROUP */               \
+  /* Items of a group: CL_DEVICE_MAX_WORK_GROUP_SIZE is asked for larger ones; 1,024 on NVIDIA, 256 on AMD, only 1   \
+   * is promised (table 4.3): a device with fewer than 64 is refused. ERNERF_FAULT_GROUP */                          \
   LIMIT(group_items, 64)                                                                                             \
   /* Bytes of all arguments of a kernel: CL_DEVICE_MAX_PARAMETER_SIZE, 1,024 at least (table 4.3).                   \
    * ERNERF_FAULT_ARGUMENTS */                                                                                       \
@@ -31,9 +31,13 @@
   /* Build options: -cl-fp32-correctly-rounded-divide-sqrt is refused unless the device says that it can (5.6.4.2),  \
    * -cl-nv-maxrregcount is NVIDIA's (cl_nv_compiler_options). ERNERF_FAULT_OPTIONS */                               \
   LIMIT(options, 0)                                                                                                  \
-  /* Half and double precision, subgroups, 64-bit atomics, images: optional (chapter 9, table 4.3); an H100 has no   \
+  /* Half and double precision, subgroups, 64-bit atomics, images: optional extensions and queries; an H100 has no   \
    * half and no subgroups. No kernel uses them: the test reads the sources */                                       \
   LIMIT(extensions, 0)                                                                                               \
+  /* Additions to a float in memory by one instruction: cl_ext_float_atomics (                                       \
+   * https://registry.khronos.org/OpenCL/extensions/ext/cl_ext_float_atomics.html) is optional; else float_add.h.    \
+   * ERNERF_FAULT_FLOAT_ADD */                                                                                       \
+  LIMIT(float_add, 0)                                                                                                \
   /* Times of events: CL_PROFILING_INFO_NOT_AVAILABLE (5.12). ERNERF_FAULT_TIMES */                                  \
   LIMIT(times, 0)                                                                                                    \
   /* Pinned host memory: CL_MEM_ALLOC_HOST_PTR (5.2.1) and its mapping may be refused. ERNERF_FAULT_PINNED */        \

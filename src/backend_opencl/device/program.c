@@ -25,20 +25,22 @@ static const struct {
 };
 
 /* The sources of a program: common.cl; tensor.cl where tensor cores may be used; tile.cl for the fused passes,
- * samples.cl for kernels over samples; the source itself. */
+ * samples.cl for kernels over samples, float_add.cl for the grids; the source itself. */
 enum { TEXTS = 4 };
 static void texts_of(ern_cl_source source, const char *text[TEXTS], size_t bytes[TEXTS]) {
   const bool fused = source == ERN_CL_render || source == ERN_CL_render_torso,
              samples = source == ERN_CL_activation || source == ERN_CL_attention || source == ERN_CL_encoding;
   text[0] = (const char *)ern_cl_text_common, bytes[0] = ern_cl_bytes_common;
   text[1] = (const char *)ern_cl_text_tensor, bytes[1] = fused || source == ERN_CL_mlp ? ern_cl_bytes_tensor : 0;
-  text[2] = (const char *)(fused ? ern_cl_text_tile : ern_cl_text_samples);
-  bytes[2] = fused ? ern_cl_bytes_tile : samples ? ern_cl_bytes_samples : 0;
+  const bool grids = source == ERN_CL_hashgrid;
+  text[2] = (const char *)(fused ? ern_cl_text_tile : grids ? ern_cl_text_float_add : ern_cl_text_samples);
+  bytes[2] = fused ? ern_cl_bytes_tile : grids ? ern_cl_bytes_float_add : samples ? ern_cl_bytes_samples : 0;
   text[3] = (const char *)sources[source].text, bytes[3] = *sources[source].bytes;
 }
 
-void ern_cl_base_options(const struct ern_cl_device *device, char *text, size_t bytes) {
-  snprintf(text, bytes, "-cl-std=CL1.2%s -D WIDTH=%d -D CPU=%d -D NVIDIA=%d",
+void ern_cl_base_options(const struct ern_cl_device *device, ern_cl_source source, char *text, size_t bytes) {
+  const ern_cl_float_add way = source == ERN_CL_hashgrid ? device->float_add : ERN_CL_FLOAT_ADD_LOOP;
+  snprintf(text, bytes, "-cl-std=%s%s -D WIDTH=%d -D CPU=%d -D NVIDIA=%d", ern_cl_float_add_standard(way),
            device->exact_divide ? " -cl-fp32-correctly-rounded-divide-sqrt" : "", device->width, device->cpu,
            device->nvidia);
 }
@@ -156,7 +158,7 @@ static ern_status keep(struct ern_cl_backend *backend, ern_cl_source source, con
 static ern_status make(struct ern_cl_backend *backend, ern_cl_source source, const char *options, cl_program *program) {
   char all[OPTION_BYTES], key[ERN_CL_KEY_BYTES];
   ern_status status = ERN_OK;
-  ern_cl_base_options(&backend->device, all, sizeof all);
+  ern_cl_base_options(&backend->device, source, all, sizeof all);
   const size_t base = strlen(all);
   const int more = snprintf(all + base, sizeof all - base, " %s", options);
   if (more < 0 || (size_t)more >= sizeof all - base)
