@@ -68,13 +68,25 @@ static void test_order_long(void **state) {
   }
 }
 
-/* On a device two renderers draw every other frame each. A frame alone is drawn by one. */
+static double number(const json_t *object, const char *name) {
+  const json_t *value = json_object_get(object, name);
+  if (!json_is_number(value)) fail_msg("the field %s is missing or no number", name);
+  return json_number_value(value);
+}
+
+/* On a device two renderers draw every other frame each. A frame alone is drawn by one. The report has the work of
+ * both, and no time twice. */
 static void test_two_at_a_time(void **state) {
   (void)state;
   char words[256];
   cli_run(&cli, "info devices");
   if (strstr(cli.out, "opencl") == NULL) skip();
-  uint8_t *all = raw("head.safetensors --clip clip --backend opencl", FRAMES * PIXEL_BYTES);
+  uint8_t *all = raw("head.safetensors --clip clip --backend opencl --json two.json -y", FRAMES * PIXEL_BYTES);
+  json_t *report = cli_json(&cli, "two.json"), *stages = json_object_get(report, "ms_by_stage");
+  assert_true(number(json_object_get(report, "ray_reuse"), "frames") == FRAMES);
+  assert_true(number(stages, "audio") + number(stages, "torso") + number(stages, "head") + number(stages, "output") <=
+              number(report, "ms_per_frame"));
+  json_decref(report);
   for (size_t k = 4; k < 6; k++) {
     snprintf(words, sizeof words, "head.safetensors --clip clip --backend opencl --frames %zu:%zu", k, k + 1);
     uint8_t *one = raw(words, PIXEL_BYTES);
