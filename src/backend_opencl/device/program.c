@@ -155,16 +155,32 @@ static ern_status keep(struct ern_cl_backend *backend, ern_cl_source source, con
   return status;
 }
 
+/* all: the base options and the program's own; key: of its binary */
+static ern_status identify(ern_context *context, const struct ern_cl_device *device, ern_cl_source source,
+                           const char *options, char all[OPTION_BYTES], char key[ERN_CL_KEY_BYTES]) {
+  ern_cl_base_options(device, source, all, OPTION_BYTES);
+  const size_t base = strlen(all);
+  const int more = snprintf(all + base, OPTION_BYTES - base, " %s", options);
+  if (more < 0 || (size_t)more >= OPTION_BYTES - base)
+    return ern_fail(context, ERN_E_ARGUMENT, "OpenCL: options of %s are too long", sources[source].name);
+  return ern_cl_program_key(context, device, source, all, key);
+}
+
+bool ern_cl_programs_kept(ern_context *context, const struct ern_cl_device *device) {
+  static const ern_cl_source first[] = {ERN_CL_portrait, ERN_CL_march}; /* of any frame, of any training */
+  char all[OPTION_BYTES], key[ERN_CL_KEY_BYTES];
+  uint8_t *bytes = NULL;
+  size_t count = 0;
+  for (size_t i = 0; i < sizeof first / sizeof *first && bytes == NULL; i++)
+    if (identify(context, device, first[i], "", all, key) == ERN_OK) ern_cl_cache_read(context, key, &bytes, &count);
+  ern_release(context, bytes);
+  return bytes != NULL;
+}
+
 static ern_status make(struct ern_cl_backend *backend, ern_cl_source source, const char *options, cl_program *program) {
   char all[OPTION_BYTES], key[ERN_CL_KEY_BYTES];
   ern_status status = ERN_OK;
-  ern_cl_base_options(&backend->device, source, all, sizeof all);
-  const size_t base = strlen(all);
-  const int more = snprintf(all + base, sizeof all - base, " %s", options);
-  if (more < 0 || (size_t)more >= sizeof all - base)
-    ERN_TRY(
-        ern_fail(backend->table.context, ERN_E_ARGUMENT, "OpenCL: options of %s are too long", sources[source].name));
-  ERN_TRY(ern_cl_program_key(backend->table.context, &backend->device, source, all, key));
+  ERN_TRY(identify(backend->table.context, &backend->device, source, options, all, key));
   const bool cached = !backend->device.keeps_kernels;
   if (cached) *program = from_cache(backend, key, all);
   if (*program == NULL) {

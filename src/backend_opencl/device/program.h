@@ -11,6 +11,8 @@
 ERN_NODISCARD ern_status ern_cl_program_get(struct ern_cl_backend *backend, ern_cl_source source, const char *options,
                                             cl_program *program);
 void ern_cl_programs_free(struct ern_cl_backend *backend);
+/* Whether the cache has binaries of an earlier frame or training on the device. */
+bool ern_cl_programs_kept(ern_context *context, const struct ern_cl_device *device);
 /* The cache key of a program's binary: a hash of everything that it depends on. */
 ERN_NODISCARD ern_status ern_cl_program_key(ern_context *context, const struct ern_cl_device *device,
                                             ern_cl_source source, const char *options, char key[ERN_CL_KEY_BYTES]);
