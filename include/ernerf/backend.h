@@ -94,6 +94,8 @@ typedef struct ern_device_info {
   bool deterministic; /* the same bytes on every run; false: with ern_backend_config's `deterministic` alone */
   bool adds_floats;   /* adds to a float in memory by one instruction; false: by a loop of compare and swap */
   bool tensor_cores;  /* rendering uses them */
+  bool kernels_kept;  /* the cache folder has kernels that an earlier frame, training or tuning built; never those of
+                         PoCL, which keeps its own */
 } ern_device_info;
 
 /* Calls `say` for the CPU and each OpenCL device. A machine without OpenCL is no error. */

@@ -188,6 +188,11 @@ class _Object:
             raise ValueError(f"the {type(self).__name__} is closed")
         if self._has_threads and self._process != os.getpid():
             raise ValueError(f"the {type(self).__name__} was made before os.fork(), expected one of this process")
+        return self._lasting_handle
+
+    @property
+    def _lasting_handle(self):
+        """That of a closed object too, as long as it has users."""
         return self._held[0][1]
 
     def _leave(self, user):
@@ -273,7 +278,7 @@ class Context(_Object):
             status = function(*handles)
             if status:
                 text = ctypes.create_string_buffer(4096)
-                self._engine.ern_last_error_copy(self._held[0][1], text, len(text))
+                self._engine.ern_last_error_copy(self._lasting_handle, text, len(text))
                 raise Error(Status(status), text.value.decode(errors="replace"))
         finally:
             for used in objects:
@@ -428,7 +433,7 @@ class Model(_Object):
         with tempfile.TemporaryDirectory() as folder:
             path = os.path.join(folder, "model.safetensors")
             self.save(path)
-            return self._context._tensors(self._context._held[0][1], path)  # which may be closed, and lasts
+            return self._context._tensors(self._context._lasting_handle, path)
 
 
 class Renderer(_Object):

@@ -220,8 +220,9 @@ ern_status ern_opencl_devices_list(ern_context *context, void (*say)(void *, con
                                   .subgroups = device.subgroups,
                                   .tuned = ern_cl_is_tuned(measured),
                                   .deterministic = device.cpu,
-                                  .adds_floats = device.nvidia,
-                                  .tensor_cores = device.tensor};
+                                  .adds_floats = device.float_add != ERN_CL_FLOAT_ADD_LOOP,
+                                  .tensor_cores = device.tensor,
+                                  .kernels_kept = ern_cl_programs_kept(context, &device)};
     say(user, &info);
   }
   return ERN_OK;

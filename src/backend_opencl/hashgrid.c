@@ -7,7 +7,7 @@
 
 #include "backend_opencl/opencl.h"
 
-enum { OWNERS = 512, OPTION_BYTES = 128 };
+enum { OWNERS = 512, OPTION_BYTES = 160 };
 
 /* As kernels/hashgrid.cl has them. */
 struct level {
@@ -65,9 +65,10 @@ static struct plan plan_grid(struct ern_stream *stream, ern_cl_tunable tunable, 
   for (int l = 0; l < grid->levels; l++) plan.grid.level[l] = plan_level(grid, l, &divide);
   /* The inverse of a power of two is exact, so the product equals the quotient. */
   const bool inverse = frexpf(grid->bound, &exponent) == 0.5f && abs(exponent) < 100;
-  snprintf(plan.options, OPTION_BYTES,
-           "-D DIMS=%d -D FEATURES=%d -D INVERSE=%d -D DIVIDE=%d -D OWNERS=%d -D GROUP=%zu -D VECTORS=%zu", grid->dims,
-           grid->features, inverse, divide, OWNERS, plan.group, device->cpu ? size : 1);
+  snprintf(
+      plan.options, OPTION_BYTES,
+      "-D DIMS=%d -D FEATURES=%d -D INVERSE=%d -D DIVIDE=%d -D OWNERS=%d -D GROUP=%zu -D VECTORS=%zu -D FLOAT_ADD=%d",
+      grid->dims, grid->features, inverse, divide, OWNERS, plan.group, device->cpu ? size : 1, (int)device->float_add);
   plan.groups = blocks * (size_t)grid->levels;
   plan.table_groups = (size_t)grid->levels * (device->cpu ? 1 : OWNERS / size);
   return plan;

@@ -3,6 +3,7 @@
 #include <assert.h>
 #include <math.h>
 
+#include "backend_opencl/device/limits.h"
 #include "backend_opencl/opencl.h"
 
 ern_status ern_cl_rays(struct ern_stream *stream, struct ern_rays_args *a) {
@@ -46,7 +47,10 @@ static struct walk walk_of(const float origin[3], const struct ern_march_setting
 }
 
 ern_status ern_cl_march(struct ern_stream *stream, struct ern_march_args *a) {
-  enum { CPU_GROUP = 4, GPU_GROUP = 64 }; /* rays differ in length: small groups balance the load */
+  enum {
+    CPU_GROUP = 4,
+    GPU_GROUP = ERN_CL_LIMIT_group_items
+  }; /* rays differ in length: small groups balance the load */
   const struct ern_cl_device *device = &ern_cl_backend_of(stream)->device;
   const size_t group = device->cpu ? CPU_GROUP : GPU_GROUP, rays_a_group = group * (size_t)device->width;
   const struct walk walk = walk_of(a->origin, &a->settings);

@@ -1,11 +1,12 @@
 /* SPDX-License-Identifier: MIT
  * Exclusive prefix sum on the device: sums of blocks of values, the scan of these sums, then the scan of each block
  * from there. One group scans few values alone. */
+#include "backend_opencl/device/limits.h"
 #include "backend_opencl/opencl.h"
 
 enum {
-  GPU_ITEMS = 64, /* a group; on a CPU one item scans the whole block */
-  GPU_EACH = 32,  /* values an item */
+  GPU_ITEMS = ERN_CL_LIMIT_group_items, /* a group; on a CPU one item scans the whole block */
+  GPU_EACH = 32,                        /* values an item */
   CPU_EACH = 1 << 16
 };
 

@@ -81,7 +81,8 @@ static void test_devices(void **state) {
     assert_true(strlen(text_of(device, "driver")) > 0 && json_is_boolean(json_object_get(device, "half")) &&
                 json_is_boolean(json_object_get(device, "subgroups")) &&
                 json_is_boolean(json_object_get(device, "tuned")));
-    assert_true(json_is_boolean(json_object_get(device, "adds_floats")));
+    assert_true(json_is_boolean(json_object_get(device, "adds_floats")) &&
+                json_is_boolean(json_object_get(device, "kernels_kept")));
     assert_true(json_is_false(json_object_get(device, "tensor_cores")) || strstr(text_of(device, "name"), "NVIDIA"));
     check_deterministic("gpu", false);
     check_deterministic("cpu", true);

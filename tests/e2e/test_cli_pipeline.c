@@ -4,6 +4,7 @@
 #define _GNU_SOURCE /* sched_setaffinity */
 #include "cli.h"
 
+#include <math.h>
 #include <sched.h>
 #include <time.h>
 
@@ -68,13 +69,25 @@ static void test_order_long(void **state) {
   }
 }
 
-/* On a device two renderers draw every other frame each. A frame alone is drawn by one. */
+static double number(const json_t *object, const char *name) {
+  const json_t *value = json_object_get(object, name);
+  if (!json_is_number(value)) fail_msg("the field %s is missing or no number", name);
+  return json_number_value(value);
+}
+
+/* On a device two renderers draw every other frame each. A frame alone is drawn by one. The report has the work of
+ * both, and no time twice. */
 static void test_two_at_a_time(void **state) {
   (void)state;
   char words[256];
   cli_run(&cli, "info devices");
   if (strstr(cli.out, "opencl") == NULL) skip();
-  uint8_t *all = raw("head.safetensors --clip clip --backend opencl", FRAMES * PIXEL_BYTES);
+  uint8_t *all = raw("head.safetensors --clip clip --backend opencl --json two.json -y", FRAMES * PIXEL_BYTES);
+  json_t *report = cli_json(&cli, "two.json"), *stages = json_object_get(report, "ms_by_stage");
+  assert_true(number(json_object_get(report, "ray_reuse"), "frames") == FRAMES);
+  assert_true(number(stages, "audio") + number(stages, "torso") + number(stages, "head") + number(stages, "output") <=
+              number(report, "ms_per_frame"));
+  json_decref(report);
   for (size_t k = 4; k < 6; k++) {
     snprintf(words, sizeof words, "head.safetensors --clip clip --backend opencl --frames %zu:%zu", k, k + 1);
     uint8_t *one = raw(words, PIXEL_BYTES);
@@ -82,6 +95,25 @@ static void test_two_at_a_time(void **state) {
     free(one);
   }
   free(all);
+}
+
+/* On a device eval draws its first frame once before the frames that it measures. */
+static void test_first_use(void **state) {
+  static const char *const backends[] = {"cpu", "opencl"};
+  double psnr[2];
+  (void)state;
+  cli_run(&cli, "info devices");
+  if (strstr(cli.out, "opencl") == NULL) skip();
+  for (int i = 0; i < 2; i++) {
+    cli_run(&cli, "eval head.safetensors clip --frames 0:1 --quiet --json - --backend %s", backends[i]);
+    cli_expect(&cli, 0, NULL);
+    json_t *report = cli_json(&cli, NULL);
+    psnr[i] = number(report, "psnr");
+    assert_true(json_is_null(json_object_get(report, "first_use_ms")) == (i == 0));
+    if (i == 1) assert_true(number(report, "first_use_ms") > 0);
+    json_decref(report);
+  }
+  assert_true(fabs(psnr[0] - psnr[1]) < 0.001);
 }
 
 /* Pictures that must be scaled, from memory or not, on the way forward and back. */
@@ -341,6 +373,7 @@ static void test_minimal_memory_long(void **state) {
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_order_long),
                                      cmocka_unit_test(test_two_at_a_time),
+                                     cmocka_unit_test(test_first_use),
                                      cmocka_unit_test(test_replay),
                                      cmocka_unit_test(test_numbered_long),
                                      cmocka_unit_test(test_video),

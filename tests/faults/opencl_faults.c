@@ -9,8 +9,19 @@
  *   ERNERF_FAULT_LAUNCH=N                launch number N (from 1, and since N changed) fails, and then
  *   ERNERF_FAULT_COUNT=C                 so do launches up to C in all; without it the device is lost: nothing works
  *   ERNERF_FAULT_FILE=PATH               lost as soon as this file is there
+ *   ERNERF_FAULT_FIRST_USE=1             memory that is lacking is refused by the first fill instead of at creation
+ *   ERNERF_FAULT_PINNED=1                no buffer may be in pinned host memory
  *   ERNERF_FAULT_FILL=BYTES              a fill of so many bytes loses the device, as 2 GiB do with NVIDIA's driver
- *   ERNERF_FAULT_CODE=-5                 what the calls return; without it CL_DEVICE_NOT_AVAILABLE */
+ *   ERNERF_FAULT_LOCAL=BYTES             local memory of a group; a kernel that has more is not launched
+ *   ERNERF_FAULT_GROUP=ITEMS             most items of a group; a larger one is not launched
+ *   ERNERF_FAULT_ARGUMENTS=BYTES         most bytes of a kernel's arguments; a kernel that has more is not launched
+ *   ERNERF_FAULT_OPTIONS=1               division is not correctly rounded, and no build option is known but -D and
+ *                                        -cl-std=CL1.2
+ *   ERNERF_FAULT_TIMES=1                 events have no times
+ *   ERNERF_FAULT_FLOAT_ADD=2|3           the device has cl_ext_float_atomics, or is AMD's and its compiler has the
+ * builtin for additions to floats (as ern_cl_float_add counts); a program that swaps in a loop does not build. -2, -3:
+ * it is announced alone ERNERF_FAULT_CODE=-5                 what the calls return; without it CL_DEVICE_NOT_AVAILABLE
+ */
 #define CL_TARGET_OPENCL_VERSION 120
 #include <CL/cl.h>
 #include <CL/cl_layer.h>
@@ -91,15 +102,40 @@ static cl_int CL_API_CALL get_platform_info(cl_platform_id platform, cl_platform
   return CL_SUCCESS;
 }
 
+/* 0: none */
+static cl_ulong limit_of(cl_device_info what) {
+  switch (what) {
+    case CL_DEVICE_GLOBAL_MEM_SIZE: return (cl_ulong)number_of("ERNERF_FAULT_MEMORY", 0);
+    case CL_DEVICE_MAX_MEM_ALLOC_SIZE: return (cl_ulong)number_of("ERNERF_FAULT_MEMORY", 0) / 2;
+    case CL_DEVICE_LOCAL_MEM_SIZE: return (cl_ulong)number_of("ERNERF_FAULT_LOCAL", 0);
+    case CL_DEVICE_MAX_WORK_GROUP_SIZE: return (cl_ulong)number_of("ERNERF_FAULT_GROUP", 0);
+    case CL_DEVICE_MAX_PARAMETER_SIZE: return (cl_ulong)number_of("ERNERF_FAULT_ARGUMENTS", 0);
+    default: return 0;
+  }
+}
+
+enum { SINGLE_FP_ATOMIC_CAPABILITIES = 0x4231, GLOBAL_FP_ATOMIC_ADD = 1 << 1 }; /* of cl_ext_float_atomics */
+
 static cl_int CL_API_CALL get_device_info(cl_device_id device, cl_device_info what, size_t bytes, void *value,
                                           size_t *needed) {
+  const long long float_add = llabs(number_of("ERNERF_FAULT_FLOAT_ADD", 0));
+  const cl_bitfield adds = GLOBAL_FP_ATOMIC_ADD;
+  if (what == SINGLE_FP_ATOMIC_CAPABILITIES && float_add == 2 && bytes == sizeof adds) {
+    memcpy(value, &adds, sizeof adds);
+    return CL_SUCCESS;
+  }
   const cl_int code = driver->clGetDeviceInfo(device, what, bytes, value, needed);
-  cl_ulong limit = (cl_ulong)number_of("ERNERF_FAULT_MEMORY", 0), found = 0;
-  if (code != CL_SUCCESS || limit == 0 || value == NULL || bytes < sizeof found) return code;
-  if (what != CL_DEVICE_GLOBAL_MEM_SIZE && what != CL_DEVICE_MAX_MEM_ALLOC_SIZE) return code;
-  if (what == CL_DEVICE_MAX_MEM_ALLOC_SIZE) limit /= 2;
+  const cl_ulong limit = limit_of(what);
+  cl_ulong found = 0; /* a size_t has as many bytes */
+  if (code != CL_SUCCESS || value == NULL || bytes < sizeof found) return code;
   memcpy(&found, value, sizeof found);
-  if (found > limit) memcpy(value, &limit, sizeof limit);
+  if (what == CL_DEVICE_SINGLE_FP_CONFIG && number_of("ERNERF_FAULT_OPTIONS", 0) > 0)
+    found &= ~(cl_ulong)CL_FP_CORRECTLY_ROUNDED_DIVIDE_SQRT;
+  if (limit > 0 && found > limit) found = limit;
+  memcpy(value, &found, sizeof found);
+  if (what == CL_DEVICE_EXTENSIONS && float_add > 0)
+    snprintf((char *)value + strlen(value), bytes - strlen(value), " %s",
+             float_add == 2 ? "cl_ext_float_atomics" : "cl_amd_device_attribute_query");
   return CL_SUCCESS;
 }
 
@@ -117,7 +153,10 @@ static cl_mem CL_API_CALL create_buffer(cl_context context, cl_mem_flags flags, 
   cl_int found = look(false), ignored = CL_SUCCESS;
   if (code == NULL) code = &ignored;
   pthread_mutex_lock(&lock);
-  if (found == CL_SUCCESS && limit > 0 && bytes_taken + bytes > limit) found = CL_MEM_OBJECT_ALLOCATION_FAILURE;
+  if (found == CL_SUCCESS && limit > 0 && bytes_taken + bytes > limit && number_of("ERNERF_FAULT_FIRST_USE", 0) == 0)
+    found = CL_MEM_OBJECT_ALLOCATION_FAILURE;
+  if (found == CL_SUCCESS && (flags & CL_MEM_ALLOC_HOST_PTR) != 0 && number_of("ERNERF_FAULT_PINNED", 0) > 0)
+    found = CL_OUT_OF_HOST_MEMORY;
   if (found == CL_SUCCESS) bytes_taken += bytes;
   pthread_mutex_unlock(&lock);
   *code = found;
@@ -137,11 +176,49 @@ static cl_int CL_API_CALL release_memory(cl_mem memory) {
 
 /* ---- programs ---------------------------------------------------------------------------------------------------- */
 
+/* Before a source: a compiler that has one of the two additions, and no other way to swap. */
+static const char float_adds[] =
+    "static inline void faults_add(volatile global uint *at, float value) {\n"
+    "  uint before = atomic_or(at, 0), found;\n"
+    "  while ((found = atomic_cmpxchg(at, before, as_uint(as_float(before) + value))) != before) before = found;\n"
+    "}\n"
+    "#define atomic_cmpxchg(...) swaps_in_a_loop\n"
+    "#if __OPENCL_C_VERSION__ >= 300\n"
+    "#define atomic_fetch_add_explicit(at, value, order) \\\n"
+    "  faults_add((volatile global uint *)(at), order == memory_order_relaxed ? (value) : NAN)\n"
+    "#else\n"
+    "#define __builtin_amdgcn_global_atomic_fadd_f32(at, value) faults_add((volatile global uint *)(at), value)\n"
+    "#endif\n";
+
+static cl_program CL_API_CALL create_program(cl_context context, cl_uint count, const char **texts, const size_t *bytes,
+                                             cl_int *code) {
+  enum { MOST = 8 };
+  const char *text[MOST + 1] = {float_adds};
+  size_t length[MOST + 1] = {sizeof float_adds - 1};
+  if (number_of("ERNERF_FAULT_FLOAT_ADD", 0) <= 0 || count > MOST || bytes == NULL)
+    return driver->clCreateProgramWithSource(context, count, texts, bytes, code);
+  memcpy(text + 1, texts, count * sizeof *text);
+  memcpy(length + 1, bytes, count * sizeof *length);
+  return driver->clCreateProgramWithSource(context, count + 1, text, length, code);
+}
+
+/* Whether the options are of those that every driver knows. */
+static bool are_known(const char *options) {
+  char text[LOG_BYTES], *rest = NULL;
+  snprintf(text, sizeof text, "%s", options != NULL ? options : "");
+  for (char *word = strtok_r(text, " ", &rest); word != NULL; word = strtok_r(NULL, " ", &rest)) {
+    if (strcmp(word, "-D") == 0 && strtok_r(NULL, " ", &rest) != NULL) continue;
+    if (strcmp(word, "-cl-std=CL1.2") != 0) return false;
+  }
+  return true;
+}
+
 static cl_int CL_API_CALL build(cl_program program, cl_uint count, const cl_device_id *devices, const char *options,
                                 void(CL_CALLBACK *done)(cl_program, void *), void *user) {
   size_t source = 0; /* bytes; one made from a binary has none */
   const bool known = driver->clGetProgramInfo(program, CL_PROGRAM_SOURCE, 0, NULL, &source) == CL_SUCCESS;
   if (number_of("ERNERF_FAULT_BUILD", 0) > 0 && known && source > 1) return CL_BUILD_PROGRAM_FAILURE;
+  if (number_of("ERNERF_FAULT_OPTIONS", 0) > 0 && !are_known(options)) return CL_INVALID_BUILD_OPTIONS;
   return driver->clBuildProgram(program, count, devices, options, done, user);
 }
 
@@ -163,10 +240,35 @@ static cl_int CL_API_CALL get_build_info(cl_program program, cl_device_id device
 
 /* ---- commands ---------------------------------------------------------------------------------------------------- */
 
+static _Thread_local size_t
+    argument_bytes; /* of the arguments set since the last first one: libernerf sets all in a row */
+
+static cl_int CL_API_CALL set_argument(cl_kernel kernel, cl_uint index, size_t bytes, const void *value) {
+  argument_bytes = (index > 0 ? argument_bytes : 0) + (value == NULL ? sizeof(cl_ulong) : bytes); /* NULL: a pointer */
+  return driver->clSetKernelArg(kernel, index, bytes, value);
+}
+
+/* CL_SUCCESS, or what a device returns whose limits the launch exceeds. */
+static cl_int launch_fits(cl_command_queue queue, cl_kernel kernel, const size_t *local) {
+  const unsigned long long local_most = (unsigned long long)number_of("ERNERF_FAULT_LOCAL", 0),
+                           group_most = (unsigned long long)number_of("ERNERF_FAULT_GROUP", 0),
+                           argument_most = (unsigned long long)number_of("ERNERF_FAULT_ARGUMENTS", 0);
+  cl_device_id device = NULL;
+  cl_ulong bytes = 0;
+  if (argument_most > 0 && argument_bytes > argument_most) return CL_OUT_OF_RESOURCES;
+  if (group_most > 0 && local != NULL && *local > group_most) return CL_INVALID_WORK_GROUP_SIZE;
+  if (local_most == 0) return CL_SUCCESS;
+  cl_int code = driver->clGetCommandQueueInfo(queue, CL_QUEUE_DEVICE, sizeof device, &device, NULL);
+  if (code == CL_SUCCESS)
+    code = driver->clGetKernelWorkGroupInfo(kernel, device, CL_KERNEL_LOCAL_MEM_SIZE, sizeof bytes, &bytes, NULL);
+  return code == CL_SUCCESS && bytes > local_most ? CL_OUT_OF_RESOURCES : code;
+}
+
 static cl_int CL_API_CALL launch(cl_command_queue queue, cl_kernel kernel, cl_uint dimensions, const size_t *offset,
                                  const size_t *global, const size_t *local, cl_uint waits, const cl_event *wait,
                                  cl_event *event) {
-  const cl_int code = look(true);
+  cl_int code = look(true);
+  if (code == CL_SUCCESS) code = launch_fits(queue, kernel, local);
   if (code != CL_SUCCESS) return code;
   return driver->clEnqueueNDRangeKernel(queue, kernel, dimensions, offset, global, local, waits, wait, event);
 }
@@ -198,7 +300,12 @@ static cl_int CL_API_CALL fill_buffer(cl_command_queue queue, cl_mem memory, con
                                       size_t offset, size_t bytes, cl_uint waits, const cl_event *wait,
                                       cl_event *event) {
   const long long most = number_of("ERNERF_FAULT_FILL", 0);
-  const cl_int code = look(false);
+  const bool first_use = number_of("ERNERF_FAULT_FIRST_USE", 0) > 0;
+  cl_int code = look(false);
+  pthread_mutex_lock(&lock);
+  if (code == CL_SUCCESS && first_use && bytes_taken > (unsigned long long)number_of("ERNERF_FAULT_MEMORY", 0))
+    code = CL_MEM_OBJECT_ALLOCATION_FAILURE;
+  pthread_mutex_unlock(&lock);
   if (code != CL_SUCCESS) return code;
   if (most > 0 && bytes >= (size_t)most) {
     pthread_mutex_lock(&lock);
@@ -207,6 +314,11 @@ static cl_int CL_API_CALL fill_buffer(cl_command_queue queue, cl_mem memory, con
     return CL_SUCCESS; /* the next call fails */
   }
   return driver->clEnqueueFillBuffer(queue, memory, pattern, pattern_bytes, offset, bytes, waits, wait, event);
+}
+
+static cl_int CL_API_CALL get_time(cl_event event, cl_profiling_info what, size_t bytes, void *value, size_t *needed) {
+  if (number_of("ERNERF_FAULT_TIMES", 0) > 0) return CL_PROFILING_INFO_NOT_AVAILABLE;
+  return driver->clGetEventProfilingInfo(event, what, bytes, value, needed);
 }
 
 static cl_int CL_API_CALL finish(cl_command_queue queue) {
@@ -241,13 +353,16 @@ CL_API_ENTRY cl_int CL_API_CALL clInitLayer(cl_uint entries, const cl_icd_dispat
   layer.clGetDeviceInfo = get_device_info;
   layer.clCreateBuffer = create_buffer;
   layer.clReleaseMemObject = release_memory;
+  layer.clCreateProgramWithSource = create_program;
   layer.clBuildProgram = build;
   layer.clGetProgramBuildInfo = get_build_info;
+  layer.clSetKernelArg = set_argument;
   layer.clEnqueueNDRangeKernel = launch;
   layer.clEnqueueReadBuffer = read_buffer;
   layer.clEnqueueWriteBuffer = write_buffer;
   layer.clEnqueueCopyBuffer = copy_buffer;
   layer.clEnqueueFillBuffer = fill_buffer;
+  layer.clGetEventProfilingInfo = get_time;
   layer.clFinish = finish;
   *entries_here = (cl_uint)(sizeof layer / sizeof(void *));
   *table = &layer;

@@ -16,9 +16,11 @@ static char clip[1024];
 /* ---- faults: for the programs that are started until `clear` (faults/opencl_faults.c) -----------------------------
  */
 
-static const char *const variables[] = {
-    "OPENCL_LAYERS",       "OCL_ICD_VENDORS",     "ERNERF_FAULT_HIDE",  "ERNERF_FAULT_STRANGER", "ERNERF_FAULT_BUILD",
-    "ERNERF_FAULT_MEMORY", "ERNERF_FAULT_LAUNCH", "ERNERF_FAULT_COUNT", "ERNERF_FAULT_FILE",     "ERNERF_FAULT_CODE"};
+static const char *const variables[] = {"OPENCL_LAYERS",         "OCL_ICD_VENDORS",    "ERNERF_FAULT_HIDE",
+                                        "ERNERF_FAULT_STRANGER", "ERNERF_FAULT_BUILD", "ERNERF_FAULT_MEMORY",
+                                        "ERNERF_FAULT_LAUNCH",   "ERNERF_FAULT_COUNT", "ERNERF_FAULT_FILE",
+                                        "ERNERF_FAULT_CODE",     "ERNERF_FAULT_FILL",  "ERNERF_FAULT_LOCAL",
+                                        "ERNERF_FAULT_ARGUMENTS"};
 
 static void clear(void) {
   for (size_t i = 0; i < sizeof variables / sizeof variables[0]; i++) unsetenv(variables[i]);
@@ -186,6 +188,27 @@ static void test_some_memory_long(void **state) {
   json_decref(report[1]);
 }
 
+/* A training of the paper's size, 65,536 rays of 512 x 512 and 14 levels, with the limits of an H100: through step 16,
+ * the first with a smoothness term. The first steps have 16 samples in each ray, 1,048,576 in all. */
+static void test_paper_size_long(void **state) {
+  (void)state;
+  forget("x");
+  support_clear("paper");
+  cli_run(&cli, "synth paper --size 512 --frames 11 --quiet");
+  cli_expect(&cli, 0, NULL);
+  fault("FILL", "2147483648");
+  fault("LOCAL", "49152");
+  fault("ARGUMENTS", "1024");
+  cli_run(&cli, "train paper -o x.safetensors --paper --iters 17 --validate-frames 1 --consent agreed --json - %s",
+          DEVICE);
+  cli_expect(&cli, 0, NULL);
+  assert_null(strstr(cli.err, "at a time"));
+  json_t *report = cli_json(&cli, NULL);
+  assert_true(number(report, "step") == 17 && isfinite(number(report, "loss")));
+  json_decref(report);
+  clear();
+}
+
 /* ---- a device that is lost --------------------------------------------------------------------------------------- */
 
 static void lose_with_code(const char *code, const char *launch) {
@@ -324,6 +347,15 @@ static size_t damage(uint8_t *bytes, size_t count, size_t way) {
   }
 }
 
+/* `info devices` on the driver of `draw`. */
+static void expect_kernels_kept(bool kept) {
+  fault("STRANGER", "1");
+  cli_run(&cli, "info devices --json");
+  cli_expect(&cli, 0, NULL);
+  if ((strstr(cli.out, "\"kernels_kept\": true") != NULL) != kept)
+    fail_msg("kernels_kept, expected %d: %s", kept, cli.out);
+}
+
 static void test_cache_long(void **state) {
   static char paths[ENTRIES][512];
   char before[1024];
@@ -331,7 +363,9 @@ static void test_cache_long(void **state) {
   snprintf(before, sizeof before, "%s", getenv("XDG_CACHE_HOME"));
   place("XDG_CACHE_HOME", "cache");
   support_clear("cache");
+  expect_kernels_kept(false);
   assert_int_equal(draw("whole%d.png"), 0);
+  expect_kernels_kept(true);
   const size_t entries = list_entries(paths);
   assert_true(entries > 0);
   fault("BUILD", "1"); /* from here on the cache is all there is */
@@ -416,6 +450,7 @@ int main(void) {
                                      cmocka_unit_test(test_build),
                                      cmocka_unit_test(test_no_memory),
                                      cmocka_unit_test(test_some_memory_long),
+                                     cmocka_unit_test(test_paper_size_long),
                                      cmocka_unit_test(test_lost),
                                      cmocka_unit_test(test_lost_late_long),
                                      cmocka_unit_test(test_no_resources_long),

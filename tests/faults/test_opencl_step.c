@@ -511,31 +511,6 @@ static void test_large_blocks(void **state) {
   bench_close(&b);
 }
 
-/* On a device that a large fill loses, buffers and spans of more bytes are cleared nevertheless. */
-static void test_large_fill(void **state) {
-  (void)state;
-  const size_t most = (size_t)1 << 29, count = most / sizeof(float) + 64;
-  const float one = 1;
-  struct bench b;
-  struct ern_buffer *buffer = NULL;
-  bench_open(&b);
-  set("ERNERF_FAULT_FILL", (long long)most);
-  support_ok(b.context, b.backend->buffer_make(b.backend, ERN_ELEMENT_REAL, count, &buffer));
-  const ern_span all = {buffer, 0, count}, end[2] = {{buffer, 0, 1}, {buffer, count - 1, 1}};
-  for (int i = 0; i < 2; i++) { /* cleared as it is made, then by `zero` */
-    for (int e = 0; e < 2; e++) {
-      float value = 1;
-      support_ok(b.context, b.backend->download_reals(b.stream, &value, end[e], 1));
-      assert_true(value == 0);
-      support_ok(b.context, b.backend->upload_reals(b.stream, end[e], &one, 1));
-    }
-    support_ok(b.context, b.backend->zero(b.stream, all));
-  }
-  b.backend->buffer_free(b.backend, buffer);
-  set("ERNERF_FAULT_FILL", 0);
-  bench_close(&b);
-}
-
 int main(void) {
   const char *layer = getenv("ERNERF_FAULTS");
   if (layer == NULL || setenv("OPENCL_LAYERS", layer, 1) != 0) return 1;
@@ -548,7 +523,6 @@ int main(void) {
                                      cmocka_unit_test(test_deterministic),
                                      cmocka_unit_test(test_picture_by_parts),
                                      cmocka_unit_test(test_picture_unprepared),
-                                     cmocka_unit_test(test_large_fill),
                                      cmocka_unit_test(test_large_blocks)};
   return cmocka_run_group_tests_name("opencl step", tests, NULL, NULL);
 }

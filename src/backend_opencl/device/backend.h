@@ -7,30 +7,8 @@
 #include <stdatomic.h>
 
 #include "backend_opencl/device/device.h"
+#include "backend_opencl/device/kernel_sources.h"
 #include "core/backend.h"
-
-/* The sources, embedded at build time: kernels/NAME.cl. */
-#define ERN_CL_SOURCES(SOURCE) \
-  SOURCE(scan)                 \
-  SOURCE(march)                \
-  SOURCE(composite)            \
-  SOURCE(occupancy)            \
-  SOURCE(picture)              \
-  SOURCE(upsample)             \
-  SOURCE(hashgrid)             \
-  SOURCE(mlp)                  \
-  SOURCE(activation)           \
-  SOURCE(encoding)             \
-  SOURCE(attention)            \
-  SOURCE(audio)                \
-  SOURCE(torso)                \
-  SOURCE(losses)               \
-  SOURCE(patches)              \
-  SOURCE(optimizer)            \
-  SOURCE(portrait)             \
-  SOURCE(render)               \
-  SOURCE(render_torso)         \
-  SOURCE(peak)
 
 #define ERN_CL_SOURCE_NUMBER(name) ERN_CL_##name,
 typedef enum ern_cl_source { ERN_CL_SOURCES(ERN_CL_SOURCE_NUMBER) ERN_CL_SOURCE_COUNT } ern_cl_source;

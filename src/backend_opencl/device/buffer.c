@@ -4,6 +4,7 @@
 
 #include <string.h>
 
+#include "backend_opencl/device/limits.h"
 #include "core/memory.h"
 #include "core/status.h"
 
@@ -83,10 +84,9 @@ static void buffer_free(struct ern_backend *table, struct ern_buffer *buffer) {
   ern_release(table->context, buffer);
 }
 
-/* Clears `bytes` from byte `at` on; `each` divides both. In pieces, because one fill of 2 GiB or more loses the device
- * with NVIDIA's driver (an H100 with 580.159; older cards: https://github.com/inducer/pyopencl/issues/395). */
+/* Clears `bytes` from byte `at` on, in pieces; `each` divides both. */
 static cl_int clear(cl_command_queue queue, cl_mem memory, size_t each, size_t at, size_t bytes) {
-  const size_t most = (size_t)1 << 28;
+  const size_t most = ERN_CL_LIMIT_fill_bytes;
   const cl_uint word = 0;
   cl_int code = CL_SUCCESS;
   for (size_t piece = 0; bytes > 0 && code == CL_SUCCESS; at += piece, bytes -= piece) {

@@ -6,6 +6,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "backend_opencl/device/limits.h"
+
 enum {
   MAX_PLATFORMS = 16,
   MAX_DEVICES = ERN_CL_MAX_DEVICES,
@@ -71,6 +73,9 @@ void ern_cl_device_query(struct ern_cl_device *device) {
   device->nvidia = has_extension(extensions, "cl_nv_device_attribute_query");
   device->half = has_extension(extensions, "cl_khr_fp16");
   device->subgroups = has_extension(extensions, "cl_khr_subgroups") || has_extension(extensions, "cl_intel_subgroups");
+  device->float_add =
+      ern_cl_float_add_find(device->platform, id, device->nvidia, has_extension(extensions, "cl_ext_float_atomics"),
+                            has_extension(extensions, "cl_amd_device_attribute_query"));
   const int native = (int)number_of(id, CL_DEVICE_NATIVE_VECTOR_WIDTH_FLOAT, sizeof(cl_uint));
   device->width = 1;
   /* overrides the form, to compare both on one device */
@@ -109,5 +114,9 @@ ern_status ern_cl_device_open(ern_context *context, int number, struct ern_cl_de
   if (number_of(device->id, CL_DEVICE_COMPILER_AVAILABLE, sizeof(cl_bool)) == 0)
     return ern_fail(context, ERN_E_UNSUPPORTED, "OpenCL: device %d (%s) has no compiler for kernels", number,
                     device->name);
+  if (device->group_most < ERN_CL_LIMIT_group_items)
+    return ern_fail(context, ERN_E_UNSUPPORTED,
+                    "OpenCL: device %d (%s) has work-groups of %zu items at most, expected %d or more", number,
+                    device->name, device->group_most, ERN_CL_LIMIT_group_items);
   return ERN_OK;
 }

@@ -8,6 +8,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "backend_opencl/device/float_add.h"
 #include "core/status.h"
 
 /* Properties of a device, queried once. */
@@ -26,9 +27,10 @@ struct ern_cl_device {
   bool tensor;        /* layers are computed by tensor cores, NVIDIA's of TF32: wide ones of the fused pass, those of a
                          training step. ERNERF_OPENCL_FORM=gpu: not; =tensor: also where there are none, in plain arithmetic */
   bool subgroups;     /* cl_khr_subgroups or cl_intel_subgroups */
-  int width;          /* samples a work-item processes: the native vector of a CPU, 1 elsewhere */
-  size_t group_most;  /* work-items a group at most */
-  size_t local_bytes; /* local memory a group */
+  ern_cl_float_add float_add;
+  int width;             /* samples a work-item processes: the native vector of a CPU, 1 elsewhere */
+  size_t group_most;     /* work-items a group at most */
+  size_t local_bytes;    /* local memory a group */
   uint64_t memory_bytes; /* global memory */
   uint64_t buffer_bytes; /* one buffer at most */
   cl_uint units;

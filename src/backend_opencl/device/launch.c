@@ -6,10 +6,11 @@
 #include "backend_opencl/device/launch.h"
 
 #include "backend_opencl/device/buffer.h"
+#include "backend_opencl/device/limits.h"
 #include "backend_opencl/device/program.h"
 #include "core/memory.h"
 
-enum { GROUP = 64 };
+enum { GROUP = ERN_CL_LIMIT_group_items };
 
 static ern_status kernel_get(struct ern_cl_stream *stream, cl_program program, const char *name, cl_kernel *kernel) {
   struct ern_cl_backend *backend = stream->owner;

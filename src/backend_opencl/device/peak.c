@@ -2,13 +2,14 @@
  * The loops of kernels/peak.cl, sized so that a call lasts about a millisecond and every unit has work. */
 #include "backend_opencl/device/peak.h"
 
+#include "backend_opencl/device/limits.h"
 #include "backend_opencl/opencl.h"
 
 enum {
   MULTIPLY_CHAINS = 12, /* as in peak.cl; so is the next */
   GATHER_CHAINS = 4,
-  GROUP = 256,           /* work-items of a group of a GPU */
-  GROUPS_A_UNIT = 8,     /* 2048 items per unit: as many as the largest GPUs keep resident */
+  GROUP = 256,           /* work-items of a group of a GPU that takes so many */
+  ITEMS_RESIDENT = 2048, /* of a unit: as many as the largest GPUs keep */
   ITEMS_A_UNIT = 8,      /* of a CPU, each a group: enough of them to balance the load */
   MULTIPLY_TURNS = 4096, /* of an item of a GPU */
   GATHER_TURNS = 512,
@@ -18,8 +19,12 @@ enum {
 
 static struct ern_cl_device *device_of(struct ern_stream *stream) { return &ern_cl_backend_of(stream)->device; }
 
+static size_t group_of(const struct ern_cl_device *device) {
+  return device->cpu ? 1 : device->group_most < GROUP ? ERN_CL_LIMIT_group_items : GROUP;
+}
+
 static size_t items_of(const struct ern_cl_device *device) {
-  return (size_t)device->units * (device->cpu ? ITEMS_A_UNIT : GROUPS_A_UNIT * GROUP);
+  return (size_t)device->units * (device->cpu ? ITEMS_A_UNIT : ITEMS_RESIDENT);
 }
 
 void ern_opencl_describe(const struct ern_backend *backend, struct ern_opencl_about *about) {
@@ -38,7 +43,7 @@ static ern_status run_arithmetic(struct ern_stream *stream, const struct ern_ope
   const struct ern_cl_device *device = device_of(stream);
   const bool gather = peak->loop == ERN_OPENCL_GATHER;
   const int turns = gather ? device->cpu ? CPU_GATHER_TURNS : GATHER_TURNS : device->cpu ? CPU_TURNS : MULTIPLY_TURNS;
-  const size_t items = items_of(device), group = device->cpu ? 1 : GROUP;
+  const size_t items = items_of(device), group = group_of(device);
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_peak, gather ? "peak_gather" : "peak_multiply", "");
   ern_cl_span(&call, peak->sink);
   if (gather) ern_cl_span(&call, peak->table);
@@ -51,7 +56,7 @@ static ern_status run_stream(struct ern_stream *stream, const struct ern_opencl_
   const struct ern_cl_device *device = device_of(stream);
   const bool copy = peak->loop == ERN_OPENCL_COPY;
   const size_t count = peak->to.count, floats = device->cpu ? ERN_OPENCL_PEAK_BLOCK : 4; /* an item's */
-  const size_t group = device->cpu ? 1 : GROUP, items = (count + floats - 1) / floats;
+  const size_t group = group_of(device), items = (count + floats - 1) / floats;
   *done = 2.0 * (double)count * sizeof(float);
   if (peak->loop == ERN_OPENCL_MOVE) return stream->backend->copy(stream, peak->to, peak->from, count);
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_peak, copy ? "peak_copy" : "peak_update", "");

@@ -25,20 +25,22 @@ static const struct {
 };
 
 /* The sources of a program: common.cl; tensor.cl where tensor cores may be used; tile.cl for the fused passes,
- * samples.cl for kernels over samples; the source itself. */
+ * samples.cl for kernels over samples, float_add.cl for the grids; the source itself. */
 enum { TEXTS = 4 };
 static void texts_of(ern_cl_source source, const char *text[TEXTS], size_t bytes[TEXTS]) {
   const bool fused = source == ERN_CL_render || source == ERN_CL_render_torso,
              samples = source == ERN_CL_activation || source == ERN_CL_attention || source == ERN_CL_encoding;
   text[0] = (const char *)ern_cl_text_common, bytes[0] = ern_cl_bytes_common;
   text[1] = (const char *)ern_cl_text_tensor, bytes[1] = fused || source == ERN_CL_mlp ? ern_cl_bytes_tensor : 0;
-  text[2] = (const char *)(fused ? ern_cl_text_tile : ern_cl_text_samples);
-  bytes[2] = fused ? ern_cl_bytes_tile : samples ? ern_cl_bytes_samples : 0;
+  const bool grids = source == ERN_CL_hashgrid;
+  text[2] = (const char *)(fused ? ern_cl_text_tile : grids ? ern_cl_text_float_add : ern_cl_text_samples);
+  bytes[2] = fused ? ern_cl_bytes_tile : grids ? ern_cl_bytes_float_add : samples ? ern_cl_bytes_samples : 0;
   text[3] = (const char *)sources[source].text, bytes[3] = *sources[source].bytes;
 }
 
-void ern_cl_base_options(const struct ern_cl_device *device, char *text, size_t bytes) {
-  snprintf(text, bytes, "-cl-std=CL1.2%s -D WIDTH=%d -D CPU=%d -D NVIDIA=%d",
+void ern_cl_base_options(const struct ern_cl_device *device, ern_cl_source source, char *text, size_t bytes) {
+  const ern_cl_float_add way = source == ERN_CL_hashgrid ? device->float_add : ERN_CL_FLOAT_ADD_LOOP;
+  snprintf(text, bytes, "-cl-std=%s%s -D WIDTH=%d -D CPU=%d -D NVIDIA=%d", ern_cl_float_add_standard(way),
            device->exact_divide ? " -cl-fp32-correctly-rounded-divide-sqrt" : "", device->width, device->cpu,
            device->nvidia);
 }
@@ -153,16 +155,32 @@ static ern_status keep(struct ern_cl_backend *backend, ern_cl_source source, con
   return status;
 }
 
+/* all: the base options and the program's own; key: of its binary */
+static ern_status identify(ern_context *context, const struct ern_cl_device *device, ern_cl_source source,
+                           const char *options, char all[OPTION_BYTES], char key[ERN_CL_KEY_BYTES]) {
+  ern_cl_base_options(device, source, all, OPTION_BYTES);
+  const size_t base = strlen(all);
+  const int more = snprintf(all + base, OPTION_BYTES - base, " %s", options);
+  if (more < 0 || (size_t)more >= OPTION_BYTES - base)
+    return ern_fail(context, ERN_E_ARGUMENT, "OpenCL: options of %s are too long", sources[source].name);
+  return ern_cl_program_key(context, device, source, all, key);
+}
+
+bool ern_cl_programs_kept(ern_context *context, const struct ern_cl_device *device) {
+  static const ern_cl_source first[] = {ERN_CL_portrait, ERN_CL_march}; /* of any frame, of any training */
+  char all[OPTION_BYTES], key[ERN_CL_KEY_BYTES];
+  uint8_t *bytes = NULL;
+  size_t count = 0;
+  for (size_t i = 0; i < sizeof first / sizeof *first && bytes == NULL; i++)
+    if (identify(context, device, first[i], "", all, key) == ERN_OK) ern_cl_cache_read(context, key, &bytes, &count);
+  ern_release(context, bytes);
+  return bytes != NULL;
+}
+
 static ern_status make(struct ern_cl_backend *backend, ern_cl_source source, const char *options, cl_program *program) {
   char all[OPTION_BYTES], key[ERN_CL_KEY_BYTES];
   ern_status status = ERN_OK;
-  ern_cl_base_options(&backend->device, all, sizeof all);
-  const size_t base = strlen(all);
-  const int more = snprintf(all + base, sizeof all - base, " %s", options);
-  if (more < 0 || (size_t)more >= sizeof all - base)
-    ERN_TRY(
-        ern_fail(backend->table.context, ERN_E_ARGUMENT, "OpenCL: options of %s are too long", sources[source].name));
-  ERN_TRY(ern_cl_program_key(backend->table.context, &backend->device, source, all, key));
+  ERN_TRY(identify(backend->table.context, &backend->device, source, options, all, key));
   const bool cached = !backend->device.keeps_kernels;
   if (cached) *program = from_cache(backend, key, all);
   if (*program == NULL) {

@@ -11,11 +11,13 @@
 ERN_NODISCARD ern_status ern_cl_program_get(struct ern_cl_backend *backend, ern_cl_source source, const char *options,
                                             cl_program *program);
 void ern_cl_programs_free(struct ern_cl_backend *backend);
+/* Whether the cache has binaries of an earlier frame or training on the device. */
+bool ern_cl_programs_kept(ern_context *context, const struct ern_cl_device *device);
 /* The cache key of a program's binary: a hash of everything that it depends on. */
 ERN_NODISCARD ern_status ern_cl_program_key(ern_context *context, const struct ern_cl_device *device,
                                             ern_cl_source source, const char *options, char key[ERN_CL_KEY_BYTES]);
 
-/* Build options of every source for the device: "-cl-std=CL1.2 -D WIDTH=16 ...". */
-void ern_cl_base_options(const struct ern_cl_device *device, char *text, size_t bytes);
+/* Build options of a source for the device: "-cl-std=CL1.2 -D WIDTH=16 ...". */
+void ern_cl_base_options(const struct ern_cl_device *device, ern_cl_source source, char *text, size_t bytes);
 
 #endif

@@ -62,8 +62,10 @@ ern_status ern_cl_tune_key(ern_context *context, const struct ern_cl_device *dev
   enum { COUNT = sizeof sources / sizeof *sources };
   char keys[COUNT][ERN_CL_KEY_BYTES] = {{0}}, options[ERN_CL_KEY_BYTES];
   ern_status status = ERN_OK;
-  ern_cl_base_options(device, options, sizeof options);
-  for (size_t i = 0; i < COUNT; i++) ERN_TRY(ern_cl_program_key(context, device, sources[i], options, keys[i]));
+  for (size_t i = 0; i < COUNT; i++) {
+    ern_cl_base_options(device, sources[i], options, sizeof options);
+    ERN_TRY(ern_cl_program_key(context, device, sources[i], options, keys[i]));
+  }
   ern_sha256_hex(keys, sizeof keys, key);
 fail:
   return status;

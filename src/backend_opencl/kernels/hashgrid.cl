@@ -5,11 +5,11 @@
  *   f_l(x) = sum over the 2^dims corners b of prod_d (b_d ? t_d : 1 - t_d) * table[index(cell + b)]
  *
  * Build options: DIMS, FEATURES, INVERSE (1 where multiplication by `inverse` gives exactly the quotient u), DIVIDE (1
- * where the modulo of some level is not a power of two), OWNERS (see grid_bwd_table), GROUP (items of a group) and
- * VECTORS (of an item). A group works on one level, so that the level's table stays in the cache. On a CPU an item
- * takes a block of samples, WIDTH at a time; on other devices neighbouring items take neighbouring samples. Products
- * are not fused with sums, and every sum is in the order of the reference, so the results are the reference's to the
- * last bit. */
+ * where the modulo of some level is not a power of two), OWNERS (see grid_bwd_table), GROUP (items of a group), VECTORS
+ * (of an item) and FLOAT_ADD (see float_add.cl, which comes before). A group works on one level, so that the level's
+ * table stays in the cache. On a CPU an item takes a block of samples, WIDTH at a time; on other devices neighbouring
+ * items take neighbouring samples. Products are not fused with sums, and every sum is in the order of the reference, so
+ * the results are the reference's to the last bit. */
 #pragma OPENCL FP_CONTRACT OFF
 
 #define ITEM (VECTORS * WIDTH) /* samples per item */
@@ -196,18 +196,6 @@ KERNEL grid_bwd_table(SPAN(float, dtable), ROWS(const float, df), POSITIONS, str
   }
 }
 #endif
-
-/* *at += value, atomic: other items may add to it at the same time */
-static inline void add_atomically(volatile global float *at, float value) {
-#if NVIDIA
-  /* PTX ISA, red: subnormal values and sums become zero */
-  asm volatile("red.global.add.f32 [%0], %1;" ::"l"(at), "f"(value) : "memory");
-#else
-  volatile global uint *bits = (volatile global uint *)at;
-  uint before = atomic_or(bits, 0), found; /* reads it */
-  while ((found = atomic_cmpxchg(bits, before, as_uint(as_float(before) + value))) != before) before = found;
-#endif
-}
 
 /* The same by atomics, in any order: fast on a GPU, and with slightly different rounding on every run. Neighbouring
  * items take samples that are far apart, because neighbouring samples of a ray share entries, for which their items

@@ -71,19 +71,25 @@ int frame_reuse_open(struct frame_reuse *frame_reuse, struct portrait *portrait,
   return status == ERN_OK ? 0 : session_fail(session);
 }
 
-json_t *frame_reuse_report(const struct frame_reuse *frame_reuse, const struct portrait *portrait) {
-  const ern_ray_reuse_work work = ern_renderer_ray_reuse_work(portrait->renderer);
-  if (frame_reuse->off || work.frames == 0) return json_null();
-  const double frames = (double)work.frames, levels = frame_reuse->camera_is_still ? (double)frame_reuse->levels : 0;
-  return json_pack("{s:o, s:o, s:o}", "bound", session_number(levels), "rays", session_number(work.rays / frames),
-                   "samples", session_number(work.samples / frames));
+void frame_reuse_add(struct frame_reuse *frame_reuse, const ern_renderer *renderer) {
+  const ern_ray_reuse_work work = ern_renderer_ray_reuse_work(renderer);
+  frame_reuse->work.frames += work.frames;
+  frame_reuse->work.rays += work.rays;
+  frame_reuse->work.samples += work.samples;
 }
 
-void frame_reuse_say(const struct frame_reuse *frame_reuse, const struct portrait *portrait, char *text,
-                     size_t capacity) {
-  const ern_ray_reuse_work work = ern_renderer_ray_reuse_work(portrait->renderer);
+json_t *frame_reuse_report(const struct frame_reuse *frame_reuse) {
+  const ern_ray_reuse_work *work = &frame_reuse->work;
+  if (frame_reuse->off || work->frames == 0) return json_null();
+  const double frames = (double)work->frames, levels = frame_reuse->camera_is_still ? (double)frame_reuse->levels : 0;
+  return json_pack("{s:o, s:I, s:o, s:o}", "bound", session_number(levels), "frames", (json_int_t)work->frames, "rays",
+                   session_number(work->rays / frames), "samples", session_number(work->samples / frames));
+}
+
+void frame_reuse_say(const struct frame_reuse *frame_reuse, char *text, size_t capacity) {
+  const ern_ray_reuse_work *work = &frame_reuse->work;
   text[0] = 0;
-  if (frame_reuse->off || !frame_reuse->camera_is_still || work.frames == 0) return;
+  if (frame_reuse->off || !frame_reuse->camera_is_still || work->frames == 0) return;
   snprintf(text, capacity, ", %.1f %% of rays and %.1f %% of samples rendered again",
-           100 * work.rays / (double)work.frames, 100 * work.samples / (double)work.frames);
+           100 * work->rays / (double)work->frames, 100 * work->samples / (double)work->frames);
 }

@@ -12,7 +12,8 @@ struct frame_reuse {
   float levels; /* largest error of a pixel, in levels of 255 */
   bool off;
   /* made */
-  bool camera_is_still; /* the camera is still for enough frames for rays to be reused */
+  bool camera_is_still;    /* the camera is still for enough frames for rays to be reused */
+  ern_ray_reuse_work work; /* of all renderers */
 };
 
 enum { FRAME_REUSE_OPTIONS = 2 };
@@ -25,11 +26,13 @@ int frame_reuse_check(const struct args *args);
 int frame_reuse_open(struct frame_reuse *frame_reuse, struct portrait *portrait, struct session *session,
                      const struct frame_source *frame_source, const ern_features *features);
 
-/* {"bound": levels of 255, "rays": share of rays rendered again, "samples": share of samples}; null if nothing is
- * reused. */
-json_t *frame_reuse_report(const struct frame_reuse *frame_reuse, const struct portrait *portrait);
+/* Adds the work of a renderer that has drawn its frames. */
+void frame_reuse_add(struct frame_reuse *frame_reuse, const ern_renderer *renderer);
+
+/* {"bound": levels of 255, "frames": without keyframes, "rays": share of rays rendered again, "samples": share of
+ * samples}; null if nothing is reused. */
+json_t *frame_reuse_report(const struct frame_reuse *frame_reuse);
 /* The same in words, beginning with a comma; empty if the camera is not still. */
-void frame_reuse_say(const struct frame_reuse *frame_reuse, const struct portrait *portrait, char *text,
-                     size_t capacity);
+void frame_reuse_say(const struct frame_reuse *frame_reuse, char *text, size_t capacity);
 
 #endif

@@ -29,22 +29,24 @@ static void take_device(void *user, const ern_device_info *device) {
     if (strcmp(device->kind, "opencl") == 0)
       printf(
           "           driver %s, %.1f GiB a buffer, %.0f KiB local memory, half precision: %s, subgroups: %s, tuned: "
-          "%s\n           float additions in memory: %s, tensor cores: %s\n           the same bytes on every run: "
+          "%s\n           float additions in memory: %s, tensor cores: %s, kernels of an earlier use in the cache: "
+          "%s\n           the same bytes on every run: "
           "%s\n",
           device->driver, (double)device->buffer_bytes / GIB, (double)device->local_bytes / 1024,
           device->half ? "yes" : "no", device->subgroups ? "yes" : "no", device->tuned ? "yes" : "no",
           device->adds_floats ? "one instruction" : "a loop", device->tensor_cores ? "yes" : "no",
-          device->deterministic ? "yes" : "with --deterministic alone");
+          device->kernels_kept ? "yes" : "no", device->deterministic ? "yes" : "with --deterministic alone");
   }
   json_array_append_new(
       devices->list,
-      json_pack("{s:s, s:i, s:s, s:s, s:s, s:I, s:I, s:s, s:I, s:I, s:b, s:b, s:b, s:b, s:b, s:b}", "kind",
+      json_pack("{s:s, s:i, s:s, s:s, s:s, s:I, s:I, s:s, s:I, s:I, s:b, s:b, s:b, s:b, s:b, s:b, s:b}", "kind",
                 device->kind, "number", device->number, "name", device->name, "version", device->version,
                 "instruction_sets", device->instruction_sets, "compute_units", (json_int_t)device->compute_units,
                 "memory_bytes", (json_int_t)device->memory_bytes, "driver", device->driver, "buffer_bytes",
                 (json_int_t)device->buffer_bytes, "local_bytes", (json_int_t)device->local_bytes, "half", device->half,
                 "subgroups", device->subgroups, "tuned", device->tuned, "deterministic", device->deterministic,
-                "adds_floats", device->adds_floats, "tensor_cores", device->tensor_cores));
+                "adds_floats", device->adds_floats, "tensor_cores", device->tensor_cores, "kernels_kept",
+                device->kernels_kept));
 }
 
 static int list_devices(struct session *session) {

@@ -305,7 +305,7 @@ static json_t *report_stages(const struct render_job *job) {
 static json_t *report(const struct render_job *job, double seconds) {
   const double frames = (double)job->frame_source.count;
   json_t *rate_control = rate_control_asked(&job->rate_control) ? rate_control_json(&job->rate_control) : json_null();
-  json_t *ray_reuse = frame_reuse_report(&job->frame_reuse, &job->portrait);
+  json_t *ray_reuse = frame_reuse_report(&job->frame_reuse);
   char rate[RATE_TEXT_BYTES];
   rate_words(job->rate, rate);
   return json_pack("{s:s, s:o, s:o, s:s, s:I, s:i, s:i, s:I, s:o, s:o, s:o, s:o, s:b, s:s, s:s, s:o, s:o}", "rate",
@@ -361,7 +361,7 @@ static int draw_all(struct render_job *job) {
   progress_end(&progress);
   const double seconds = session_seconds() - began;
   char kept[128];
-  frame_reuse_say(&job->frame_reuse, &job->portrait, kept, sizeof kept);
+  frame_reuse_say(&job->frame_reuse, kept, sizeof kept);
   session_note(session, "render: %zu frames in %.2f s, %.2f a second with reading and writing%s: %s",
                job->frame_source.count, seconds, (double)job->frame_source.count / seconds, kept, job->out);
   if (rate_control_asked(&job->rate_control))

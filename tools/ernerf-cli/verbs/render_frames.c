@@ -17,6 +17,8 @@ struct drawing {
   pthread_cond_t moved;
   size_t begun, handed; /* frames */
   bool stopped;         /* a drawer failed */
+  struct drawer *drawers;
+  double shared; /* seconds: until when the drawers' shares are counted */
 };
 
 struct drawer {
@@ -25,6 +27,8 @@ struct drawer {
   float *windows;
   size_t first, step; /* its frames: first, first + step, ... */
   ern_frame_times stages;
+  bool draws;    /* a frame, now */
+  double share;  /* seconds of that frame: of the time in which both draw, each has half */
   double before; /* seconds: when its last frame was handed on */
   int status;
 };
@@ -78,6 +82,31 @@ static void end_turn(struct drawing *drawing, size_t *turn) {
   pthread_mutex_unlock(&drawing->mutex);
 }
 
+/* The drawer begins or ends a frame: shares out the time since the last such moment. Returns the moment. */
+static double share_time(struct drawer *drawer, bool draws) {
+  struct drawing *drawing = drawer->drawing;
+  struct drawer *drawers = drawing->drawers;
+  pthread_mutex_lock(&drawing->mutex);
+  const double now = session_seconds();
+  const double each = (now - drawing->shared) / (drawers[0].draws && drawers[1].draws ? 2 : 1);
+  for (int i = 0; i < DRAWERS; i++)
+    if (drawers[i].draws) drawers[i].share += each;
+  drawing->shared = now;
+  if (draws) drawer->share = 0;
+  drawer->draws = draws;
+  pthread_mutex_unlock(&drawing->mutex);
+  return now;
+}
+
+/* The device has the stages of two frames at a time: of what a stage took, the part that is the frame's share. */
+static void add_stages(struct drawer *drawer, const ern_frame_times *times, double seconds) {
+  const double part = seconds > 0 ? drawer->share / seconds : 1;
+  drawer->stages.audio += part * times->audio;
+  drawer->stages.torso += part * times->torso;
+  drawer->stages.head += part * times->head;
+  drawer->stages.output += part * times->output;
+}
+
 static int begin(struct drawer *drawer, size_t k, ern_renderer **renderer, const uint8_t **torso,
                  ern_frame_output *output) {
   struct render_job *job = drawer->drawing->job;
@@ -116,15 +145,14 @@ static int draw(struct drawer *drawer, size_t k) {
   if (!wait_for_turn(drawing, &drawing->begun, k)) return EXIT_FAILURE;
   if (begin(drawer, k, &renderer, &torso, &output) != 0) return EXIT_FAILURE;
   end_turn(drawing, &drawing->begun);
+  const double began = share_time(drawer, true);
   const ern_status status = render_frame(drawing->job, renderer, k, torso, drawer->windows, &output, &times);
+  const double seconds = share_time(drawer, false) - began;
   if (!wait_for_turn(drawing, &drawing->handed, k)) return EXIT_FAILURE;
   if (status != ERN_OK) return render_fail(drawing->job, k);
   if (hand_on(drawer, k, &output) != 0) return EXIT_FAILURE;
   end_turn(drawing, &drawing->handed);
-  drawer->stages.audio += times.audio;
-  drawer->stages.torso += times.torso;
-  drawer->stages.head += times.head;
-  drawer->stages.output += times.output;
+  add_stages(drawer, &times, seconds);
   return 0;
 }
 
@@ -165,6 +193,7 @@ int render_frames(struct render_job *job, struct progress *progress) {
   struct drawer *one = &drawers[0], *two = &drawers[1];
   pthread_t thread;
   *two = (struct drawer){.drawing = &drawing, .first = 1, .step = DRAWERS};
+  drawing.drawers = drawers;
   pthread_mutex_init(&drawing.mutex, NULL); /* neither fails on Linux */
   pthread_cond_init(&drawing.moved, NULL);
   one->status = second_renderer(job, &two->renderer);
@@ -177,6 +206,8 @@ int render_frames(struct render_job *job, struct progress *progress) {
                                   .torso = one->stages.torso + two->stages.torso,
                                   .head = one->stages.head + two->stages.head,
                                   .output = one->stages.output + two->stages.output};
+  frame_reuse_add(&job->frame_reuse, job->portrait.renderer);
+  if (two->renderer != NULL) frame_reuse_add(&job->frame_reuse, two->renderer);
   ern_renderer_free(&two->renderer);
   free(two->windows);
   pthread_cond_destroy(&drawing.moved);
