@@ -86,6 +86,8 @@ typedef struct ern_dataset {
   float speech_noise; /* data augmentation, 0..ERN_SPEECH_NOISE_MOST: in each training step each number of the speech
                          gets noise. Its standard deviation is speech_noise times that of the same column of `features`
                          over all windows */
+  const char *fingerprint; /* of the files of its frames: 64 bytes at most, another text where files were exchanged. A
+                              resume warns of another one than the state's. "" or NULL: it is not known */
 } ern_dataset;
 
 /* ---- trainer ----------------------------------------------------------------------------------------------------- */

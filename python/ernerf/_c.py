@@ -178,7 +178,7 @@ class Dataset(Structure):  # filled by ern_clip_dataset_sized and handed on; not
                 ("features", POINTER(Features)), ("background", POINTER(c_uint8)), ("frame", c_void_p),
                 ("pixels", c_void_p), ("identity", c_char_p), ("copies", POINTER(Features)), ("copy_count", c_size_t),
                 ("copy_share", c_float), ("speech", c_char_p), ("speech_network", c_char_p), ("head", c_void_p),
-                ("speech_noise", c_float)]
+                ("speech_noise", c_float), ("fingerprint", c_char_p)]
 
 
 class TrainConfig(Structure):

@@ -10,7 +10,9 @@
 #define HALF_SECOND 0.5 /* s */
 
 /* Of fewer than 5 channels the mean. Of more the downmix to one channel of ITU-R BS.775, as speech is in the centre:
- * channels are left, right, centre and others, of which those of low frequencies are not told from others. */
+ * channels are left, right, centre and others, of which those of low frequencies are not told from others. The weights
+ * are not divided by their sum (3.9 of six channels): speech in the centre would be 12 dB quieter than the same speech
+ * in a file of one channel. So channels that are loud together exceed full scale, by 12 dB at most. */
 static double weight(int channels, int c) {
   return channels < 5 ? 1.0 / channels : c == 2 ? 1 : c < 2 ? sqrt(0.5) : 0.5;
 }

@@ -47,7 +47,7 @@ ern_status ern_state_about_text(const ern_trainer *t, char **text) {
   *text = NULL;
   json_t *training = json_pack(
       "{s:I, s:f, s:f, s:f, s:I, s:I, s:b, s:I, s:I, s:b, s:s, s:s, s:s, s:f, s:f, s:b, s:b, s:b, s:i, s:f, s:s, s:f, "
-      "s:b, s:b}",
+      "s:b, s:b, s:s}",
       "iters", (json_int_t)c->iters, "lr", (double)c->lr, "lr_net", (double)c->lr_net, "lr_att", (double)c->lr_att,
       "refresh_every", (json_int_t)c->refresh_every, "ema_every", (json_int_t)c->ema_every, "ema", c->ema, "data_begin",
       (json_int_t)c->data_begin, "data_end", (json_int_t)c->data_end, "torso_layer", t->data.has_torso, "features",
@@ -55,7 +55,7 @@ ern_status ern_state_about_text(const ern_trainer *t, char **text) {
       "budget", c->seconds, "seconds_beside", t->beside, "refine_poses", t->poses != NULL, "torso_gamma",
       c->torso_gamma, "torso_random_background", c->torso_random_background, "frames_per_step", c->frames_per_step,
       "fine_share", c->fine_share, "fine_loss", ern_trainer_fine_name(t), "prune_share", (double)c->prune_share,
-      "pruned", t->pruned, "head_random_background", c->head_random_background);
+      "pruned", t->pruned, "head_random_background", c->head_random_background, "fingerprint", t->fingerprint);
   if (training != NULL && t->fine_from != UINT64_MAX) {
     json_t *fine = json_pack("{s:I, s:i, s:f, s:f}", "from", (json_int_t)t->fine_from, "patch_size", c->patch_size,
                              "weight", (double)c->fine_weight, "lips_weight", (double)c->fine_lips_weight);
@@ -197,6 +197,10 @@ static const char *read_training(const json_t *root, struct ern_state_about *abo
     return "fine_share";
   if (features == NULL || strlen(features) >= sizeof about->features) return "features";
   memcpy(about->features, features, strlen(features) + 1);
+  const json_t *fingerprint = json_object_get(root, "fingerprint"); /* not there: an earlier version's */
+  const char *files = fingerprint != NULL ? json_string_value(fingerprint) : "";
+  if (files == NULL || strlen(files) >= sizeof about->fingerprint) return "fingerprint";
+  memcpy(about->fingerprint, files, strlen(files) + 1);
   const json_t *precision = json_object_get(root, "precision");
   const char *word = json_string_value(precision);
   if (precision == NULL) return NULL;
@@ -362,5 +366,10 @@ ern_status ern_state_about_check(const ern_trainer *t, const char *path, const s
   rest.max_steps = c->max_steps;
   const ern_status status = ern_trainer_check_view(t, path, &rest, c->torso, true);
   if (status != ERN_OK) return status;
+  if (about->fingerprint[0] != 0 && t->fingerprint[0] != 0 && strcmp(about->fingerprint, t->fingerprint) != 0)
+    ern_log(t->context, ERN_LOG_WARNING,
+            "%s: files of the clip's frames (pictures, masks, landmarks or blinks) are not those that it began with; "
+            "going on with those of now",
+            path);
   return compare(t, path, strict, sizeof strict / sizeof *strict, loose, sizeof loose / sizeof *loose);
 }

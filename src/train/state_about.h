@@ -14,9 +14,10 @@ struct ern_state_about {
   bool said;
   uint64_t iters, ema_every, refresh_every, data_begin, data_end;
   float lr, lr_net, lr_att;
-  bool ema, layer;   /* the model is the average; the clip's torso lies behind the head */
-  bool bf16;         /* products in bf16; missing in earlier files, which were trained in fp32 */
-  char features[65]; /* SHA-256 of the speech features */
+  bool ema, layer;      /* the model is the average; the clip's torso lies behind the head */
+  bool bf16;            /* products in bf16; missing in earlier files, which were trained in fp32 */
+  char features[65];    /* SHA-256 of the speech features */
+  char fingerprint[65]; /* of the frames' files; "": not known */
   ern_ray_sampling ray_sampling;
   double budget, beside; /* seconds: config.seconds; time spent on validations and saves */
   bool refine_poses;

@@ -90,6 +90,7 @@ struct ern_trainer {
   ern_dataset data;
   ern_train_config config;
   char *output, identity[65], features[65]; /* SHA-256 of clip and speech features; the latter "" without an output */
+  char fingerprint[65];                     /* of the frames' files, "": not known */
   ern_model *model;                         /* configuration and table; its values are those of the last download */
 
   struct ern_buffer *reals, *bits_buffer, *cells_buffer;

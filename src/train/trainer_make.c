@@ -174,6 +174,7 @@ static ern_status check_data(ern_trainer *t) {
                     d->frames[0]);
   ern_status status = check_name(t->context, "kind of the speech", d->speech, sizeof t->model->speech - 1);
   if (status == ERN_OK) status = check_name(t->context, "identity", d->identity, sizeof t->identity - 1);
+  if (status == ERN_OK) status = check_name(t->context, "fingerprint", d->fingerprint, sizeof t->fingerprint - 1);
   if (status == ERN_OK) status = check_name(t->context, "consent", c->consent, ERN_CONSENT_BYTES - 1);
   if (status == ERN_OK) status = ern_features_check(t->context, "train", d->features);
   return status == ERN_OK ? check_all_features(t->context, d) : status;
@@ -529,6 +530,7 @@ ern_status ern_trainer_create_sized(ern_trainer **trainer, ern_backend *backend,
   ERN_TRY(ern_trainer_fine_take(t));
   ERN_TRY(check_data(t));
   if (data.identity != NULL) memcpy(t->identity, data.identity, strlen(data.identity) + 1);
+  if (data.fingerprint != NULL) memcpy(t->fingerprint, data.fingerprint, strlen(data.fingerprint) + 1);
   ERN_TRY(make_model(t));
   ERN_TRY(ern_trainer_choose_precision(t, "train", chosen.precision));
   ERN_TRY(backend->stream_make(backend, chosen.threads, &t->stream));

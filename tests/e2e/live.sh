@@ -50,6 +50,7 @@ cmp a.mp4 kept.mp4 || fail "file:// replaced a.mp4"
 head -c 9000 /dev/urandom > noise.bin
 status=0; live --audio noise.bin -o noise.mp4 --as-fast 2> err.txt || status=$?
 refused 1 $status "noise.bin"
+! grep -q "0 frames" err.txt || fail "the lack of frames is said after its reason"
 [ ! -e noise.mp4 ] || fail "noise.mp4 was left"
 status=0; live --audio gone.wav -o gone.mp4 2> err.txt || status=$?
 refused 1 $status "gone.wav"

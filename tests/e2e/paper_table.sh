@@ -52,6 +52,11 @@ chmod +x stub
 ERNERF=$PWD/stub "$source/tools/paper-table" one -o b.md > /dev/null 2>&1
 grep -q '^FID is too high .* Frames: a (reconstruction) 7[.]$' b.md || fail "the table does not say that FID is biased: $(cat b.md)"
 if grep -q 'too high' t.md; then fail "a FID that was not computed is called too high"; fi
+# Ctrl-C ends the table, also where the program ends by itself, as after a save
+printf '#!/bin/sh\nkill -INT "$PPID"\nexit 130\n' > ended && chmod +x ended
+status=0
+(trap - INT; ERNERF=$PWD/ended exec "$source/tools/paper-table" all -o i.md > /dev/null 2>&1) || status=$?
+[ "$status" = 130 ] && [ ! -e i.md ] || fail "after Ctrl-C the status is $status"
 echo mine > u.json
 if "$source/tools/paper-table" all -o u.md > /dev/null 2> err.txt; then fail "u.json was replaced"; fi
 [ "$(cat u.json)" = mine ] && [ ! -e u.md ] || fail "u.json is not as it was"

@@ -199,6 +199,19 @@ static void test_file_beside(void **state) {
   ern_context_free(&context);
 }
 
+/* Numbers without leading zeros count as numbers. */
+static void test_order(void **state) {
+  (void)state;
+  assert_int_equal(system("mkdir numbered && cp parts/000.mp4 numbered/part2.mp4 && cp parts/001.mp4 "
+                          "numbered/part10.mp4 && cp parts/003.mp4 numbered/part010b.mp4"),
+                   0);
+  cli_run(&cli, "join numbered -o numbered.mp4");
+  cli_expect(&cli, 0, "numbered/part2.mp4: no file", "taken as the first",
+             "numbered/part10.mp4: no file beside it (.provenance.json) says which frames it has; they are taken to "
+             "follow those of numbered/part2.mp4",
+             "follow those of numbered/part10.mp4", NULL);
+}
+
 /* A segment that is missing, that is of another size, that is cut off, that there is no other of. */
 static void test_refused(void **state) {
   (void)state;
@@ -237,6 +250,6 @@ static void test_refused(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_join), cmocka_unit_test(test_file_beside),
-                                     cmocka_unit_test(test_refused)};
+                                     cmocka_unit_test(test_order), cmocka_unit_test(test_refused)};
   return cmocka_run_group_tests(tests, make_all, NULL);
 }

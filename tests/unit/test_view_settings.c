@@ -186,6 +186,7 @@ static void test_resume_mixes_nothing(void **state) {
   clear_run("again");
   ern_train_config config = seen_config(4, "again.safetensors");
   config.data_end = 3;
+  made.data.fingerprint = "of the first";
   support_ok(made.context, train(&made, &config, NULL));
   config.resume = true;
   config.iters = 6;
@@ -211,9 +212,13 @@ static void test_resume_mixes_nothing(void **state) {
   config.rays = 90;
   config.max_steps = 20;
   config.refresh_every = 8;
+  made.data.fingerprint = "of exchanged pictures";
   told[0] = 0;
   support_ok(made.context, train(&made, &config, NULL));
+  made.data.fingerprint = NULL;
   assert_string_equal(told,
+                      "again.run/state.safetensors: files of the clip's frames (pictures, masks, landmarks or blinks) "
+                      "are not those that it began with; going on with those of now\n"
                       "again.run/state.safetensors: max_steps was 24, going on with 20\n"
                       "again.run/state.safetensors: rays was 96, going on with 90\n"
                       "again.run/state.safetensors: iters was 4, going on with 6\n"

@@ -4,6 +4,7 @@
 
 #include <inttypes.h>
 #include <pthread.h>
+#include <stdio.h>
 #include <string.h>
 #include <sys/stat.h>
 
@@ -37,6 +38,8 @@ struct ern_clip {
   ern_image background;
   ern_clip_frame *frames[2]; /* by ern_split */
   struct pictures truth, torso, head;
+  uint64_t hash; /* of sizes of pictures, of landmarks and eye values */
+  char fingerprint[17];
   uint64_t budget, used; /* bytes of kept pictures */
   pthread_mutex_t mutex; /* guards `used` and torso.kept among calls of ern_clip_torso */
 };
@@ -160,11 +163,19 @@ fail:
   return status;
 }
 
-static ern_status check_picture(const ern_clip *clip, ern_clip_part part, int64_t img_id) {
+/* Continues the clip's fingerprint, a hash (FNV-1a), with bytes that belong to a frame. */
+static void fold(ern_clip *clip, const void *bytes, size_t count) {
+  const unsigned char *at = bytes;
+  for (size_t i = 0; i < count; i++) clip->hash = (clip->hash ^ at[i]) * 0x100000001b3;
+}
+
+static ern_status check_picture(ern_clip *clip, ern_clip_part part, int64_t img_id) {
   ern_status status = ERN_OK;
   char *path = NULL;
+  struct stat about;
   ERN_TRY(ern_clip_part_path(clip->context, clip->folder, part, img_id, &path));
   ERN_TRY(ern_clip_picture_check(clip->context, path, clip->info.width, clip->info.height));
+  if (stat(path, &about) == 0) fold(clip, &about.st_size, sizeof about.st_size);
 fail:
   ern_release(clip->context, path);
   return status;
@@ -172,13 +183,14 @@ fail:
 
 /* Reads a frame's data without its pixels. It reads the headers of the pictures, so that a bad file is reported now and
  * not hours later. */
-static ern_status open_frame(const ern_clip *clip, ern_clip_frame *frame, const float *blink) {
+static ern_status open_frame(ern_clip *clip, ern_clip_frame *frame, const float *blink) {
   ern_status status = ERN_OK;
   char *path = NULL;
   if (blink != NULL) {
     const float raw = blink[frame->pose.img_id];
     frame->eye = (raw < 0 ? 0.0f : raw > 2 ? 2.0f : raw) / 2; /* clamp(AU45_r, 0, 2)/2 */
   }
+  fold(clip, &frame->eye, sizeof frame->eye);
   ERN_TRY(check_picture(clip, ERN_PART_TRUTH, frame->pose.img_id));
   if (clip->info.has_torso) ERN_TRY(check_picture(clip, ERN_PART_TORSO, frame->pose.img_id));
   if (clip->info.has_parsing) ERN_TRY(check_picture(clip, ERN_PART_PARSING, frame->pose.img_id));
@@ -186,6 +198,7 @@ static ern_status open_frame(const ern_clip *clip, ern_clip_frame *frame, const 
     ERN_TRY(ern_clip_part_path(clip->context, clip->folder, ERN_PART_LANDMARKS, frame->pose.img_id, &path));
     ERN_TRY(ern_landmarks_read(clip->context, path, frame->landmarks));
     frame->has_landmarks = true;
+    fold(clip, frame->landmarks, sizeof frame->landmarks);
   }
 fail:
   ern_release(clip->context, path);
@@ -220,20 +233,14 @@ fail:
   return status;
 }
 
-static ern_status open_parts(ern_clip *clip, const ern_clip_options *options) {
+/* Warns of what is odd about the lists, though it is no error. */
+static ern_status warn_of_lists(const ern_clip *clip, const ern_pose_list lists[2]) {
   ern_status status = ERN_OK;
   ern_context *context = clip->context;
-  ern_pose_list lists[2] = {0};
-  float *blink = NULL;
-  size_t blink_count = 0, trained = 0;
-  int64_t img_id = 0, aud_id = 0;
-  char identity[65] = "";
-  ERN_TRY(identity_of(clip, identity));
-  ERN_TRY(ern_clip_train_poses(context, clip->folder, &lists[ERN_SPLIT_TRAIN]));
-  ERN_TRY(ern_clip_val_poses(context, clip->folder, &lists[ERN_SPLIT_TRAIN], &lists[ERN_SPLIT_VAL]));
-  if (lists[ERN_SPLIT_VAL].count == 0) {
+  size_t trained = 0, doubled = 0;
+  int64_t img_id = 0;
+  if (lists[ERN_SPLIT_VAL].count == 0)
     ern_log(context, ERN_LOG_WARNING, "%s/transforms_val.json: is missing, no frames to validate on", clip->folder);
-  }
   ERN_TRY(ern_clip_trained_frames(context, lists, &trained));
   if (trained > 0)
     ern_log(
@@ -241,6 +248,28 @@ static ern_status open_parts(ern_clip *clip, const ern_clip_options *options) {
         "%s/transforms_val.json: %zu of its %zu frames are in transforms_train.json too: figures of a validation are "
         "not of unseen frames",
         clip->folder, trained, lists[ERN_SPLIT_VAL].count);
+  ERN_TRY(ern_clip_doubled_pictures(context, clip->folder, lists, &doubled, &img_id));
+  if (doubled > 0)
+    ern_log(context, ERN_LOG_WARNING,
+            "%s/gt_imgs: %zu frames have several pictures, the first is img_id %" PRId64
+            "; of .jpg, .png, .jpeg the first that is there is taken",
+            clip->folder, doubled, img_id);
+fail:
+  return status;
+}
+
+static ern_status open_parts(ern_clip *clip, const ern_clip_options *options) {
+  ern_status status = ERN_OK;
+  ern_context *context = clip->context;
+  ern_pose_list lists[2] = {0};
+  float *blink = NULL;
+  size_t blink_count = 0;
+  int64_t img_id = 0, aud_id = 0;
+  char identity[65] = "";
+  ERN_TRY(identity_of(clip, identity));
+  ERN_TRY(ern_clip_train_poses(context, clip->folder, &lists[ERN_SPLIT_TRAIN]));
+  ERN_TRY(ern_clip_val_poses(context, clip->folder, &lists[ERN_SPLIT_TRAIN], &lists[ERN_SPLIT_VAL]));
+  ERN_TRY(warn_of_lists(clip, lists));
   const ern_pose_list *train = &lists[ERN_SPLIT_TRAIN];
   clip->info.width = train->width;
   clip->info.height = train->height;
@@ -259,8 +288,10 @@ static ern_status open_parts(ern_clip *clip, const ern_clip_options *options) {
   ERN_TRY(ern_clip_blink(context, clip->folder, img_id, &blink, &blink_count));
   clip->info.has_blink = blink != NULL;
   ERN_TRY(find_optional(clip));
+  clip->hash = 0xcbf29ce484222325;
   ERN_TRY(open_split(clip, ERN_SPLIT_TRAIN, &lists[ERN_SPLIT_TRAIN], blink));
   ERN_TRY(open_split(clip, ERN_SPLIT_VAL, &lists[ERN_SPLIT_VAL], blink));
+  snprintf(clip->fingerprint, sizeof clip->fingerprint, "%016" PRIx64, clip->hash);
 fail:
   ern_release(context, blink);
   ern_pose_list_free(context, &lists[ERN_SPLIT_TRAIN]);
@@ -336,6 +367,8 @@ void ern_clip_describe_sized(const ern_clip *clip, ern_clip_info *info, size_t b
 }
 
 const char *ern_clip_identity(const ern_clip *clip) { return clip != NULL ? clip->info.identity : NULL; }
+
+const char *ern_clip_fingerprint(const ern_clip *clip) { return clip->fingerprint; }
 
 ern_context *ern_clip_context(const ern_clip *clip) { return clip->context; }
 

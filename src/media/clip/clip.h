@@ -76,6 +76,14 @@ enum { ERN_HEAD_UNSURE = 128, ERN_HEAD_WHOLE = 255 };
  * in the text: another colour. */
 ERN_NODISCARD ern_status ern_clip_head_of_parsing(ern_context *context, const char *path, ern_image *image);
 
+/* How many frames have more than one picture in gt_imgs, of which the first of .jpg, .png, .jpeg is taken, and the
+ * img_id of the first of them. */
+ERN_NODISCARD ern_status ern_clip_doubled_pictures(ern_context *context, const char *folder,
+                                                   const ern_pose_list lists[2], size_t *doubled, int64_t *img_id);
+
+/* ern_dataset.fingerprint, of when the clip was opened. */
+const char *ern_clip_fingerprint(const ern_clip *clip);
+
 /* The context that a clip was opened with, and its sound (ERN_E_MISSING where there is none; the caller calls
  * ern_sound_free). */
 ern_context *ern_clip_context(const ern_clip *clip);

@@ -173,6 +173,19 @@ fail:
   ern_release(report->context, path);
 }
 
+static void check_doubled(struct report *report) {
+  size_t doubled = 0;
+  int64_t img_id = 0;
+  const ern_status status =
+      ern_clip_doubled_pictures(report->context, report->folder, report->lists, &doubled, &img_id);
+  if (status != ERN_OK) say_wrong(report, status, "");
+  if (status == ERN_OK && doubled > 0)
+    add_line(report, OPTIONAL,
+             "gt_imgs: %zu frames have several pictures, the first is img_id %" PRId64
+             ". Of .jpg, .png, .jpeg the first that is there is taken; delete the others.",
+             doubled, img_id);
+}
+
 static void check_frames(struct report *report) {
   static const struct {
     ern_clip_part part;
@@ -196,6 +209,7 @@ static void check_frames(struct report *report) {
     check_files(report, ERN_PART_TRUTH, "the pictures",
                 "The steps extract images, and extract torso and ground truth (the public program's process.py, tasks "
                 "3 and 6), make them.");
+    check_doubled(report);
   }
   if (!there[0]) add_line(report, OPTIONAL, "%s", optional[0].sentence);
   if (there[0] && report->poses) {

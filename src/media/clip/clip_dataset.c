@@ -6,6 +6,7 @@
 #include "core/sized.h"
 #include "ernerf/media.h"
 #include "ernerf/speech.h"
+#include "media/clip/clip.h"
 
 /* The bounding box of landmarks [begin, end). */
 static ern_box box_of(const float (*landmarks)[2], int begin, int end) {
@@ -81,7 +82,8 @@ static ern_dataset dataset_of(ern_clip *clip) {
                                       .frame = frame,
                                       .pixels = pixels,
                                       .speech = info.speech,
-                                      .speech_network = info.speech_network};
+                                      .speech_network = info.speech_network,
+                                      .fingerprint = ern_clip_fingerprint(clip)};
   if (info.has_parsing) dataset.head = head;
   dataset.copies = ern_clip_speech_copies(clip, &dataset.copy_count);
   dataset.copy_share = dataset.copy_count > 0 ? 0.5f : 0;

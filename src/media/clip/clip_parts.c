@@ -52,6 +52,28 @@ fail:
   return status;
 }
 
+ern_status ern_clip_doubled_pictures(ern_context *context, const char *folder, const ern_pose_list lists[2],
+                                     size_t *doubled, int64_t *img_id) {
+  ern_status status = ERN_OK;
+  char name[64];
+  *doubled = 0;
+  for (int split = 0; split < 2; split++)
+    for (size_t i = 0; i < lists[split].count; i++) {
+      const int64_t id = lists[split].poses[i].img_id;
+      int pictures = 0;
+      for (int k = 0; k < 3 && pictures < 2; k++) {
+        bool there = false;
+        snprintf(name, sizeof name, "%s/%" PRId64 ".%s", ern_clip_content(ERN_PART_TRUTH), id,
+                 part_endings[ERN_PART_TRUTH][k]);
+        ERN_TRY(is_there(context, folder, name, &there));
+        pictures += there;
+      }
+      if (pictures > 1 && (*doubled)++ == 0) *img_id = id;
+    }
+fail:
+  return status;
+}
+
 ern_status ern_clip_check_prepared(ern_context *context, const char *folder) {
   static const char *const steps[] = {"face", "pose", "landmarks", "layers", "eyes", "features"};
   enum { RECORD_LIMIT = 1 << 22, JSON_LIMIT = 1 << 28 };

@@ -149,6 +149,7 @@ static void apply_control(struct live_job *job) {
   const char *line = NULL;
   for (int i = 0; i < LINES && !job->quits && (line = live_control_line(&job->commands)) != NULL; i++)
     live_command(job, line);
+  if (job->frames == 0) return; /* where none comes, the error of the sound is why, and the last thing that is said */
   char *error = live_sound_take_error(&job->sound);
   if (error != NULL) session_warn(&job->session, "%s", error);
   free(error);

@@ -24,7 +24,32 @@ struct join_job {
   struct provenance provenance;
 };
 
-static int by_name(const void *left, const void *right) { return strcmp(*(char *const *)left, *(char *const *)right); }
+/* Digits at `text` without leading zeros, and their number. */
+static const char *digits_of(const char *text, size_t *count) {
+  static const char digits[] = "0123456789";
+  text += strspn(text, "0");
+  *count = strspn(text, digits);
+  return text;
+}
+
+/* Numbers in names are compared as numbers: part2 comes before part10. */
+static int by_name(const void *left, const void *right) {
+  const char *a = *(char *const *)left, *b = *(char *const *)right;
+  while (*a != 0 && *b != 0) {
+    size_t a_digits = 0, b_digits = 0;
+    const char *a_number = digits_of(a, &a_digits), *b_number = digits_of(b, &b_digits);
+    if (a_number + a_digits == a || b_number + b_digits == b) { /* one is no number */
+      if (*a != *b) break;
+      a++, b++;
+      continue;
+    }
+    if (a_digits != b_digits) return a_digits < b_digits ? -1 : 1;
+    const int order = strncmp(a_number, b_number, a_digits);
+    if (order != 0) return order;
+    a = a_number + a_digits, b = b_number + b_digits;
+  }
+  return *a != *b ? (unsigned char)*a - (unsigned char)*b : strcmp(*(char *const *)left, *(char *const *)right);
+}
 
 static int add_segment(struct join_job *job, const char *name) {
   char path[PATH_BYTES];
@@ -36,7 +61,7 @@ static int add_segment(struct join_job *job, const char *name) {
   return job->segments[job->count++] != NULL ? 0 : session_fail_with(&job->session, "no memory");
 }
 
-/* Lists the videos of the folder, sorted by name. */
+/* Lists the videos of the folder, in the order of their names. */
 static int list_segments(struct join_job *job) {
   DIR *list = opendir(job->folder);
   int status = list != NULL ? 0 : session_fail_with(&job->session, "%s: is no folder that can be read", job->folder);
@@ -96,10 +121,9 @@ static int check_frames(struct join_job *job) {
     known = frames_of(json_array_get(job->says, k), &first, &end, &rate);
     if (k == 0 && job->start < 0) job->start = known ? (double)first / rate : 0;
     if (!known)
-      session_warn(
-          &job->session,
-          "%s: no file beside it (.provenance.json) says which frames it has; they are taken to follow those before",
-          job->segments[k]);
+      session_warn(&job->session, "%s: no file beside it (.provenance.json) says which frames it has; %s%s",
+                   job->segments[k], k == 0 ? "they are taken as the first" : "they are taken to follow those of ",
+                   k == 0 ? "" : job->segments[k - 1]);
     if (k > 0 && known && was_known && first != before)
       return session_fail_with(&job->session, "%s: begins with frame %lld, expected %lld, which follows those of %s",
                                job->segments[k], (long long)first, (long long)before, job->segments[k - 1]);
@@ -149,7 +173,8 @@ int cmd_join(int argc, char **argv) {
   struct join_job job = {.start = -1};
   struct option own[OWN_OPTIONS], output[SESSION_OUTPUT_OPTIONS];
   struct word words[] = {
-      {"FOLDER", &job.folder, "folder of the .mp4 files, which follow each other in the order of their names"}};
+      {"FOLDER", &job.folder,
+       "folder of the .mp4 files, which follow each other in the order of their names (part2 before part10)"}};
   const struct option rows[] = {
       {.name = "o",
        .alias = "output",
