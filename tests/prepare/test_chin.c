@@ -4,14 +4,14 @@
 #include "io/landmarks.h"
 #include "prepare_test.h"
 
-enum { SIDE = 256, FRAMES = 40 };
+enum { SIDE = 256, FRAMES = 22 };
 
 static const double widest = 0.022, depth = 0.75; /* metres */
 
-/* Metres by which the jaw is lowered: closed, wide open five frames later, closed again, twice. */
+/* Metres by which the jaw is lowered: closed, wide open five frames later, and closed again, also in the middle frame.
+ */
 static double opening_at(size_t frame) {
-  const size_t at = frame % 20;
-  return at < 8 ? 0 : widest * fmin(fmin((double)(at - 7) / 5, 1), (double)(20 - at) / 5);
+  return frame > 1 && frame < 11 ? widest * (5 - fabs((double)frame - 6)) / 5 : 0;
 }
 
 /* Grey of the face `down` metres below the eyes, `aside` from its middle: lips and chin move with the jaw, and what

@@ -152,16 +152,18 @@ static bool is_chin(int r, int c) {
   return under > 0.012 && under < 0.028 && aside < 0.014;
 }
 
-/* Mean difference of the chin at rest from what a crop has so many rows below. */
+/* Variance of the difference between the chin at rest and what a crop has so many rows below. */
 static double chin_differs(const uint8_t *rest, const uint8_t *crop, int rows) {
-  double sum = 0, n = 0;
+  double sum = 0, square = 0, n = 0;
   for (int r = 0; r < CHIN_ROWS; r++)
     for (int c = 0; c < CHIN_COLUMNS; c++) {
       if (!is_chin(r, c) || r + rows < 0 || r + rows >= CHIN_ROWS) continue;
-      sum += abs(rest[r * CHIN_COLUMNS + c] - crop[(r + rows) * CHIN_COLUMNS + c]);
+      const double apart = rest[r * CHIN_COLUMNS + c] - crop[(r + rows) * CHIN_COLUMNS + c];
+      sum += apart;
+      square += apart * apart;
       n++;
     }
-  return n > 0 ? sum / n : HUGE_VAL;
+  return n > 0 ? square / n - sum / n * (sum / n) : HUGE_VAL;
 }
 
 /* The frame's picture round the chin, `drop` metres below the chin at rest. */
