@@ -322,6 +322,8 @@ static void test_lost(void **state) {
     assert_true(taken(&b) <= e.before + 4 * copy_bytes(&b));
   }
   assert_true(launch > 20 && rays_at_once(&b) == 0);
+  /* with the smoothness term; on a GPU a step of few rays takes as long as its launches */
+  assert_true(launch - 1 <= 73);
   expect_same(&b, &e, "after the device was lost");
   free(e.gradient);
   bench_close(&b);
