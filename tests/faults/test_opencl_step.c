@@ -353,6 +353,12 @@ static void test_density(void **state) {
   assert_true(taken(&b) < most);
   assert_memory_equal(found, expected, sizeof found);
   set_faults((struct faults){0});
+  args.at_once = POINTS; /* as on a GPU */
+  support_ok(b.context, b.backend->zero(b.stream, args.sigma));
+  support_ok(b.context, b.backend->head_density(b.stream, &args));
+  support_ok(b.context, b.backend->download_reals(b.stream, found, args.sigma, POINTS));
+  assert_true(taken(&b) > most);
+  assert_memory_equal(found, expected, sizeof found);
   bench_close(&b);
 }
 
