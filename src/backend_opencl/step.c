@@ -50,11 +50,14 @@ ern_status ern_cl_torso_step(struct ern_stream *stream, struct ern_torso_step_ar
   return ern_cl_clean_up(stream, ern_torso_step_stages(stream, a));
 }
 
+/* On a GPU more points go through a stage together, as each launch has a cost. */
 ern_status ern_cl_head_density(struct ern_stream *stream, struct ern_head_density_args *a) {
+  enum { GPU_POINTS = 1 << 18 };
   struct ern_head_density_args part = *a;
   ern_status status = ERN_OK;
   char last_error[ERN_ERROR_BYTES];
   ern_error_keep(stream->backend->context, last_error);
+  if (part.at_once == 0 && !ern_cl_backend_of(stream)->device.cpu) part.at_once = GPU_POINTS;
   for (size_t begin = 0; begin < a->n; begin += part.n) {
     part.x.span = ern_span_part(a->x.span, begin, a->x.span.count - begin);
     part.sigma = ern_span_part(a->sigma, begin, a->sigma.count - begin);

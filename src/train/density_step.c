@@ -4,7 +4,7 @@
 #include "model/head.h"
 #include "train/step.h"
 
-enum { CHUNK = 1 << 14 /* points evaluated at once: their activations stay in the cache */ };
+enum { CACHED = 1 << 14 /* points whose activations stay in the cache */ };
 
 static ern_rows rows_from(ern_rows rows, size_t begin) {
   rows.span = ern_span_part(rows.span, begin, rows.span.count - begin);
@@ -26,8 +26,9 @@ fail:
 }
 
 ern_status ern_head_density_stages(struct ern_stream *stream, struct ern_head_density_args *args) {
+  const size_t most = args->at_once > 0 ? args->at_once : CACHED;
   ern_status status = ERN_OK;
-  for (size_t begin = 0; begin < args->n && status == ERN_OK; begin += CHUNK)
-    status = chunk(stream, args, begin, args->n - begin < CHUNK ? args->n - begin : CHUNK);
+  for (size_t begin = 0; begin < args->n && status == ERN_OK; begin += most)
+    status = chunk(stream, args, begin, args->n - begin < most ? args->n - begin : most);
   return status;
 }

@@ -22,6 +22,7 @@ struct ern_head_density_args {
   float eye_value;
   bool bf16; /* products in bf16, sums in float; only where the backend trains_bf16 and the head is the paper's own */
   size_t n;
+  size_t at_once; /* points that go through a stage together; 0: as many as suit the cache of a CPU */
 };
 
 /* The rays form patches (patches_ops.h), patch after patch, with a loss term of their own. All zeros: no patches. */

@@ -3,6 +3,7 @@
  * driver, steered by the environment:
  *
  *   ERNERF_FAULT_HIDE=platforms|devices  none of them is there
+ *   ERNERF_FAULT_GPU=1                   a device says that it is a GPU
  *   ERNERF_FAULT_STRANGER=1              the platform's version does not tell which driver it is
  *   ERNERF_FAULT_BUILD=N                 no program builds from source; the log has N lines
  *   ERNERF_FAULT_MEMORY=BYTES            all the memory of the device; a buffer may have half of it
@@ -131,6 +132,7 @@ static cl_int CL_API_CALL get_device_info(cl_device_id device, cl_device_info wh
   memcpy(&found, value, sizeof found);
   if (what == CL_DEVICE_SINGLE_FP_CONFIG && number_of("ERNERF_FAULT_OPTIONS", 0) > 0)
     found &= ~(cl_ulong)CL_FP_CORRECTLY_ROUNDED_DIVIDE_SQRT;
+  if (what == CL_DEVICE_TYPE && number_of("ERNERF_FAULT_GPU", 0) > 0) found = CL_DEVICE_TYPE_GPU;
   if (limit > 0 && found > limit) found = limit;
   memcpy(value, &found, sizeof found);
   if (what == CL_DEVICE_EXTENSIONS && float_add > 0)
