@@ -69,7 +69,7 @@ ERN_API ERN_NODISCARD ern_status ern_model_load(ern_model **model, ern_context *
 ERN_API void ern_model_free(ern_model **model); /* accepts NULL and a pointer to NULL */
 
 /* Writes the model as .safetensors: weights as float32, occupancy as bits, configuration and identity of the clip in
- * the metadata. Atomic. */
+ * the metadata. Atomic. path ends in .safetensors, else ERN_E_ARGUMENT (ern_file_convert writes .pth). */
 ERN_API ERN_NODISCARD ern_status ern_model_save(const ern_model *model, const char *path);
 
 enum { ERN_CONSENT_BYTES = 1024 }; /* most bytes of the text of consent, with the 0 at its end */

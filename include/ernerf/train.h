@@ -146,8 +146,8 @@ typedef struct ern_communicator {
 typedef struct ern_train_config {
   uint32_t cookie, size; /* set by ern_train_config_default() */
   bool torso;            /* train the torso of `head` instead of a head */
-  const char *output;    /* X: the model file; the folder X.run beside it (without the .safetensors of X) holds state,
-                            log and curve (docs/formats-training.md). NULL: nothing is written */
+  const char *output;    /* X: the model file, a name in .safetensors; the folder X.run beside it (without that ending)
+                            holds state, log and curve (docs/formats-training.md). NULL: nothing is written */
   bool resume;           /* continue from the newest intact state in X.run, and do not read `from`; where none was saved
                             yet, the training begins at step 0, with a warning in the log. Needs an output */
   bool overwrite;        /* without resume: the first save replaces an earlier training at X and X.run; false: where

@@ -174,6 +174,7 @@ class _Object:
 
     _held = None
     _has_threads = False  # which a child process of os.fork() lacks
+    _lock = None  # of an object that one thread at a time may use
 
     def _own(self, free, handle, *parents):
         """Before the call that makes the object, so that the parents last."""
@@ -274,13 +275,21 @@ class Context(_Object):
         objects = [self, *(value for value in arguments if isinstance(value, _Object))]
         for used in objects:
             used._users[id(handles)] = True
+        locked = []
         try:
+            for used in [*objects, *(parent for used in objects for parent in used._parents)]:  # a trainer's clip
+                if used._lock is not None:
+                    if not used._lock.acquire(blocking=False):
+                        raise ValueError(f"another thread is in a call on the {type(used).__name__}, expected one at a time")
+                    locked.append(used._lock)
             status = function(*handles)
             if status:
                 text = ctypes.create_string_buffer(4096)
                 self._engine.ern_last_error_copy(self._lasting_handle, text, len(text))
                 raise Error(Status(status), text.value.decode(errors="replace"))
         finally:
+            for lock in locked:
+                lock.release()
             for used in objects:
                 used._leave(handles)
 
@@ -447,6 +456,7 @@ class Renderer(_Object):
         engine, handle = context._engine, ctypes.c_void_p()
         options = _filled(engine.ern_render_options_fill, _c.RenderOptions, options, "Renderer")
         self._own(engine.ern_renderer_free, handle, backend, model)
+        self._lock = threading.RLock()
         context._call(engine.ern_renderer_create, ctypes.byref(handle), backend, model,
                       ctypes.byref(options))
         self._context, self._info = context, model.info
@@ -509,6 +519,7 @@ class Clip(_Object):
         self._media, handle = _object(context, Context, "context")._media, ctypes.c_void_p()
         options = _filled(self._media.ern_clip_options_fill, _c.ClipOptions, options, "Clip", without=("network",))
         self._own(self._media.ern_clip_free, handle, context)
+        self._lock = threading.RLock()
         context._call(self._media.ern_clip_open, context, _path(folder, "folder"), ctypes.byref(options),
                       ctypes.byref(handle))
         self._context = context
@@ -568,6 +579,7 @@ class Trainer(_Object):
             config.head = _object(head, Model, "head")._handle
         context._media.ern_clip_dataset_sized(clip._handle, ctypes.byref(dataset), ctypes.sizeof(dataset))
         self._own(engine.ern_trainer_free, handle, backend, clip)
+        self._lock = threading.RLock()
         context._call(engine.ern_trainer_create_sized, ctypes.byref(handle), backend, ctypes.byref(dataset),
                       ctypes.sizeof(dataset), ctypes.byref(config))
         self._context = context

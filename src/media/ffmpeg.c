@@ -103,6 +103,8 @@ static ern_status open_decoder(struct ern_decoder *decoder, enum AVMediaType typ
     return ern_fail(context, ERN_E_UNSUPPORTED, "%s: FFmpeg has no decoder for its %s", decoder->path, kind);
   }
   if (index < 0) return ern_fail(context, ERN_E_FORMAT, "%s: has no %s", decoder->path, kind);
+  if (decoder->container->streams[index]->disposition & AV_DISPOSITION_ATTACHED_PIC)
+    return ern_fail(context, ERN_E_FORMAT, "%s: has no video, a cover picture alone", decoder->path);
   for (unsigned i = 0; i < decoder->container->nb_streams; i++) {
     if ((int)i != index) decoder->container->streams[i]->discard = AVDISCARD_ALL;
   }

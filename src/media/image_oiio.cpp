@@ -57,7 +57,7 @@ ern_status check_claim(ern_context *context, const char *path, const OIIO::Image
 }
 
 /* Opens a picture by its content and checks its header. OpenImageIO would parse parts of a name as options or as a
- * video, so this function chooses the reader. Alpha stays as stored: unassociated. */
+ * video, so this function chooses the reader. Unassociated alpha stays so, except that of a WebP. */
 ern_status open_picture(ern_context *context, const char *path, std::unique_ptr<OIIO::ImageInput> &input) {
   const char *format = "";
   ern_status status = ern_input_check(context, path);
@@ -104,6 +104,17 @@ void spread(const uint8_t *from, int stored, int alpha, size_t pixels, int chann
   }
 }
 
+/* Divides colours that are multiplied by alpha: c = round(255 c'/alpha), at most 255. */
+void divide_by_alpha(uint8_t *pixel, int stored, int alpha, size_t pixels) {
+  for (size_t i = 0; i < pixels; i++, pixel += stored) {
+    const int share = pixel[alpha];
+    for (int c = 0; c < stored && share > 0; c++) {
+      const int value = (255 * pixel[c] + share / 2) / share;
+      if (c != alpha) pixel[c] = static_cast<uint8_t>(value < 255 ? value : 255);
+    }
+  }
+}
+
 /* EXIF's orientation, 1 (upright) to 8; 1 where the file has none. From 5 on, rows are stored as columns. */
 int orientation_of(const OIIO::ImageSpec &spec) {
   const int orientation = spec.get_int_attribute("Orientation", 1);
@@ -116,12 +127,16 @@ ern_status read_stored(ern_context *context, const char *path, OIIO::ImageInput 
   const OIIO::ImageSpec &spec = input.spec();
   const int stored = spec.nchannels < 4 ? spec.nchannels : 4;
   const int alpha = spec.alpha_channel < stored ? spec.alpha_channel : -1;
+  /* OpenEXR, and a TIFF that says so; OpenImageIO multiplies the colours of a WebP itself */
+  const bool multiplied = alpha >= 0 && spec.get_int_attribute("oiio:UnassociatedAlpha") == 0;
   ern_status status = ern_image_make(context, path, spec.width, spec.height, channels, image);
   if (status != ERN_OK) return status;
-  if (stored == channels && (channels == 3 || alpha == 3)) return decode(context, path, input, stored, image->data);
+  if (!multiplied && stored == channels && (channels == 3 || alpha == 3))
+    return decode(context, path, input, stored, image->data);
   const size_t pixels = static_cast<size_t>(spec.width) * static_cast<size_t>(spec.height);
   std::vector<uint8_t> raw(pixels * static_cast<size_t>(stored));
   status = decode(context, path, input, stored, raw.data());
+  if (multiplied && status == ERN_OK) divide_by_alpha(raw.data(), stored, alpha, pixels);
   if (status == ERN_OK) spread(raw.data(), stored, alpha, pixels, channels, image->data);
   return status;
 }

@@ -193,9 +193,18 @@ fail:
   return status;
 }
 
+ern_status ern_model_check_name(ern_context *context, const char *path) {
+  static const char ending[] = ".safetensors";
+  const size_t length = strlen(path), tail = sizeof ending - 1;
+  if (length >= tail && strcmp(path + length - tail, ending) == 0) return ERN_OK;
+  return ern_fail(context, ERN_E_ARGUMENT, "%s: expected a name that ends in .safetensors, as the file has that format",
+                  path);
+}
+
 ern_status ern_model_save(const ern_model *model, const char *path) {
   ERN_PLAIN_FLOATS;
   ERN_NEED(NULL, model);
   ERN_NEED(model->context, path);
-  return ern_model_write(model, path, ERN_EXISTING_BY_CONTEXT);
+  const ern_status status = ern_model_check_name(model->context, path);
+  return status == ERN_OK ? ern_model_write(model, path, ERN_EXISTING_BY_CONTEXT) : status;
 }

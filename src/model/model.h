@@ -45,6 +45,8 @@ struct ern_model_tensors {
   float box[6];
 };
 void ern_model_tensors(const ern_model *model, struct ern_model_tensors *out);
+/* ERN_E_ARGUMENT where the name does not end in .safetensors. */
+ERN_NODISCARD ern_status ern_model_check_name(ern_context *context, const char *path);
 /* ern_model_save; `existing` says what happens to a file at `path`. */
 ERN_NODISCARD ern_status ern_model_write(const ern_model *model, const char *path, enum ern_existing existing);
 ERN_NODISCARD ern_status ern_model_metadata(const ern_model *model, char **json);

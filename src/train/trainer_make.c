@@ -59,6 +59,10 @@ static ern_status check_config(ern_context *context, const ern_train_config *c) 
   if (c->resume && c->output == NULL)
     return ern_fail(context, ERN_E_ARGUMENT,
                     "train: resume is set, and output is NULL: expected the model of a training");
+  if (c->output != NULL) {
+    const ern_status status = ern_model_check_name(context, c->output);
+    if (status != ERN_OK) return status;
+  }
   const struct {
     const char *name;
     double found, least, most;

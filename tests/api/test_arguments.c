@@ -219,6 +219,7 @@ CHECK(ern_model_free) {
 CHECK(ern_model_save) {
   REFUSED_ALONE(ern_model_save(NULL, junk));
   REFUSED(w.context, "ern_model_save: path is NULL", ern_model_save(w.model, NULL));
+  REFUSED(w.context, "x.pth: expected a name that ends in .safetensors", ern_model_save(w.model, "x.pth"));
 }
 CHECK(ern_model_describe) {
   ern_model_info info = {.levels = 7};

@@ -119,6 +119,7 @@ static void check_configs(void) {
   REFUSED_CONFIG(eye_attention, (ern_eye_attention)99, "eye_attention is of no known kind");
   REFUSED_CONFIG(audio_pad, (ern_audio_pad)99, "audio_pad is 99");
   REFUSED_CONFIG(max_steps, 0, "max_steps is 0");
+  REFUSED_CONFIG(output, "x.pth", "x.pth: expected a name that ends in .safetensors");
   REFUSED_CONFIG(lr, NAN, "lr is nan");
   REFUSED_CONFIG(torso, true, "needs the head");
   REFUSED_CONFIG(data_end, 99, "frames 0 to 99");

@@ -107,6 +107,30 @@ static void test_alpha_is_not_multiplied_in(void **state) {
   ern_image_free(context, &made);
 }
 
+/* (200, 100, 50) of alpha 128 in files whose reader multiplies by alpha, or whose format does. The rounding of a
+ * product, 0.5, is 1 in the quotient. */
+static void test_multiplied_alpha_is_divided(void **state) {
+  (void)state;
+  static const uint8_t webp[] =
+      "RIFF\x1e\0\0\0WEBPVP8L\x11\0\0\0\x2f\x07\xc0\x01\x10\x07\x50\xb2\x22\x57\xa6"
+      "\x80\x81\x88\xe8\x7f\0"; /* 8 x 8, lossless */
+  static const float rgba[4] = {200.0F / 255 * 128 / 255, 100.0F / 255 * 128 / 255, 50.0F / 255 * 128 / 255,
+                                128.0F / 255};
+  static const char *const names[] = {"R", "G", "B", "A"}, *const files[] = {"half.webp", "half.exr"};
+  static const int expected[4] = {200, 100, 50, 128};
+  support_write(files[0], webp, sizeof webp);
+  assert_ok(ern_image_write_exr(context, files[1], rgba, 1, 1, 4, names));
+  for (int i = 0; i < 2; i++)
+    for (int channels = 3; channels <= 4; channels++) {
+      ern_image read = {0};
+      assert_ok(ern_image_read(context, files[i], channels, &read));
+      for (int c = 0; c < channels; c++)
+        if (abs(read.data[c] - expected[c]) > 1)
+          fail_msg("%s: channel %d is %d, expected %d", files[i], c, read.data[c], expected[c]);
+      ern_image_free(context, &read);
+    }
+}
+
 static void test_missing_channels_are_filled(void **state) {
   (void)state;
   ern_image grey = picture(9, 7, 1, true), colour = picture(9, 7, 3, true), read = {0};
@@ -487,6 +511,7 @@ int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(test_png_round_trip),
       cmocka_unit_test(test_alpha_is_not_multiplied_in),
+      cmocka_unit_test(test_multiplied_alpha_is_divided),
       cmocka_unit_test(test_missing_channels_are_filled),
       cmocka_unit_test(test_jpeg_quality_counts),
       cmocka_unit_test(test_same_picture_same_bytes),

@@ -7,7 +7,9 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "core/memory.h"
 #include "ernerf/media.h"
+#include "io/file.h"
 #include "media/ffmpeg.h"
 #include "support.h"
 
@@ -151,9 +153,26 @@ static void test_lists_are_refused(void **state) {
                  "playlist", NULL);
 }
 
+/* The joined file would show the pictures as they are stored. */
+static void test_turned(void **state) {
+  (void)state;
+  const ern_video_options options = ern_video_options_default(SIDE, SIDE);
+  const char *const turned[] = {"turned.mp4"};
+  uint8_t *bytes = NULL;
+  size_t count = 0, at = 0;
+  write_video("turned.mp4", &options);
+  support_ok(context, ern_file_read(context, "turned.mp4", 1 << 20, &bytes, &count));
+  while (at + 80 < count && memcmp(bytes + at, "tkhd", 4) != 0) at++;
+  memcpy(bytes + at + 44, "\xff\xff\0\0", 4); /* the first number of the display matrix: -1 */
+  support_write("turned.mp4", bytes, count);
+  ern_release(context, bytes);
+  support_expect(context, ern_video_join(context, "joined.mp4", turned, 1, NULL, 0), ERN_E_FORMAT, "turned.mp4",
+                 "turned or mirrored", NULL);
+}
+
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_lists_are_refused),
-                                     cmocka_unit_test(test_join_keeps_tag_and_provenance),
-                                     cmocka_unit_test(test_sound_is_checked), cmocka_unit_test(test_host_that_traps)};
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test(test_lists_are_refused), cmocka_unit_test(test_join_keeps_tag_and_provenance),
+      cmocka_unit_test(test_sound_is_checked), cmocka_unit_test(test_host_that_traps), cmocka_unit_test(test_turned)};
   return cmocka_run_group_tests_name("video_join", tests, set_up, tear_down);
 }

@@ -90,6 +90,34 @@ static void test_display_matrix(void **state) {
   ern_release(context, bytes);
 }
 
+/* An MP3 whose ID3 tag has a cover picture: FFmpeg gives that as a stream of video. */
+static void test_cover_alone(void **state) {
+  (void)state;
+  enum { FRAMES = 20, FRAME = 104 }; /* MPEG 1, layer III, 32 kbit/s, 44.1 kHz */
+  static const char apic[] = "\0image/png\0\3";
+  uint8_t grey[3 * 8 * 8] = {0}, file[65536] = "ID3\3", *picture = NULL, *at = file + 10;
+  const ern_image image = {.width = 8, .height = 8, .channels = 3, .data = grey};
+  ern_video_reader *reader = NULL;
+  ern_sound sound = {0};
+  size_t bytes = 0;
+  support_ok(context, ern_image_write(context, "cover.png", &image, 100));
+  support_ok(context, ern_file_read(context, "cover.png", 1024, &picture, &bytes));
+  const size_t body = sizeof apic + bytes, tag = body + 10;
+  file[8] = (uint8_t)(tag >> 7), file[9] = tag & 127; /* 7 bits a byte */
+  memcpy(at, "APIC", 4);
+  at[6] = (uint8_t)(body >> 8), at[7] = (uint8_t)body;
+  memcpy(at + 10, apic, sizeof apic);
+  memcpy(at + 10 + sizeof apic, picture, bytes);
+  at += tag;
+  for (int k = 0; k < FRAMES; k++, at += FRAME) memcpy(at, "\xff\xfb\x10\xc4", 4);
+  support_write("song.mp3", file, (size_t)(at - file));
+  ern_release(context, picture);
+  support_expect(context, ern_video_reader_open(context, "song.mp3", &reader), ERN_E_FORMAT,
+                 "song.mp3: has no video, a cover picture alone", NULL);
+  support_ok(context, ern_sound_read(context, "song.mp3", &sound));
+  ern_sound_free(context, &sound);
+}
+
 /* ---- remuxed ----------------------------------------------------------------------------------------------------- */
 
 /* Copies the coded streams of an mp4 to another, its sound `later` seconds. Up to `until` seconds of each are there
@@ -334,9 +362,13 @@ static void test_transparent(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_display_matrix),      cmocka_unit_test(test_sound_and_picture_in_step),
-      cmocka_unit_test(test_cut_matroska),        cmocka_unit_test(test_interlaced),
-      cmocka_unit_test(test_transparent),         cmocka_unit_test(test_cut_between_packets),
+      cmocka_unit_test(test_cover_alone),
+      cmocka_unit_test(test_display_matrix),
+      cmocka_unit_test(test_sound_and_picture_in_step),
+      cmocka_unit_test(test_cut_matroska),
+      cmocka_unit_test(test_interlaced),
+      cmocka_unit_test(test_transparent),
+      cmocka_unit_test(test_cut_between_packets),
       cmocka_unit_test(test_cut_within_a_packet),
   };
   return cmocka_run_group_tests_name("video_read", tests, set_up, tear_down);

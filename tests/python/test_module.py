@@ -315,6 +315,30 @@ sys.exit(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
         for picture in pictures:
             np.testing.assert_array_equal(picture, pictures[0])
 
+    def test_one_thread_at_a_time(self):
+        """A second thread is refused: both would write to the memory of one object."""
+        clip, refused = ernerf.Clip(self.context, "clip"), []
+        trainer = ernerf.Trainer(self.backend, clip, iters=10, validate_every=4, validate_frames=1, **OPTIONS)
+
+        def use():
+            for call in (trainer.model, lambda: clip.pixels(ernerf.Split.TRAIN, 0)):
+                try:
+                    call()
+                except ValueError as error:
+                    refused.append(str(error))
+
+        def progress(_):
+            thread = threading.Thread(target=use)
+            thread.start()
+            thread.join()
+            return True
+
+        with self.says(ernerf.Error, "of 10"):
+            trainer.run(progress)
+        clip.pixels(ernerf.Split.TRAIN, 0)
+        self.assertEqual(refused, [f"another thread is in a call on the {name}, expected one at a time"
+                                   for name in ("Trainer", "Clip")])
+
     # ---- wrong input ----
 
     def test_files(self):

@@ -77,7 +77,7 @@ static int64_t number_of(const struct segment *s, AVRational rate, int64_t pts) 
 
 static bool same_coding(const AVCodecParameters *a, const AVCodecParameters *b) {
   return a->codec_id == b->codec_id && a->width == b->width && a->height == b->height && a->format == b->format &&
-         a->extradata_size == b->extradata_size &&
+         av_cmp_q(a->sample_aspect_ratio, b->sample_aspect_ratio) == 0 && a->extradata_size == b->extradata_size &&
          (a->extradata_size == 0 || memcmp(a->extradata, b->extradata, (size_t)a->extradata_size) == 0);
 }
 
@@ -99,6 +99,11 @@ static ern_status look_at(struct joined *j, struct segment *s, const struct segm
   if (av_cmp_q(rate, j->rate) != 0)
     return ern_fail(j->context, ERN_E_MISMATCH, "%s: has %d/%d pictures a second, expected %d/%d", s->path, rate.num,
                     rate.den, j->rate.num, j->rate.den);
+  if (av_stream_get_side_data(s->stream, AV_PKT_DATA_DISPLAYMATRIX, NULL) != NULL)
+    return ern_fail(j->context, ERN_E_FORMAT,
+                    "%s: is turned or mirrored where it is shown (display matrix); expected a segment that render "
+                    "wrote",
+                    s->path);
   if (first != NULL && !same_coding(s->stream->codecpar, first->stream->codecpar))
     return ern_fail(j->context, ERN_E_MISMATCH,
                     "%s: is of %d x %d pixels or coded with other settings, expected those of %s, %d x %d", s->path,
