@@ -110,8 +110,8 @@ static int keep(struct recorded_video *video, struct session *session, size_t pl
 
 int recorded_video_keep(struct recorded_video *video, struct session *session) {
   const size_t frame = (size_t)video->info.width * (size_t)video->info.height * 3 / 2 + 1;
-  const size_t places = ((size_t)128 << 20) / frame;
-  return keep(video, session, places < 8 ? 8 : places > 64 ? 64 : places);
+  const size_t places = ((size_t)384 << 20) / frame;
+  return keep(video, session, places < 8 ? 8 : places > 128 ? 128 : places);
 }
 
 int recorded_video_open(struct recorded_video *video, struct session *session, const char *path, const char *clip) {

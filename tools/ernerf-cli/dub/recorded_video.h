@@ -26,7 +26,8 @@ struct recorded_video {
 /* Opens the video of a clip that `ernerf prepare` made. Another video than the clip's is refused: by its hash, or where
  * the clip's record has none by its size in bytes. Returns 0, or EXIT_FAILURE after a message, as the next one. */
 int recorded_video_open(struct recorded_video *video, struct session *session, const char *path, const char *clip);
-/* Keeps so many decoded frames that the times of calls may fall: 128 MiB of yuv420p, but 8 to 64 frames. */
+/* Keeps so many decoded frames that the times of calls may fall: 384 MiB of yuv420p, but 8 to 128 frames.
+ * Backward, all frames from the key frame before on are decoded for each so many. */
 int recorded_video_keep(struct recorded_video *video, struct session *session);
 /* *frame = the frame whose time is nearest to `seconds` after the clip's first frame, as `prepare` chooses them, valid
  * until the next call; NULL past the end. The times of calls may not fall, unless frames are kept. */
