@@ -14,7 +14,9 @@ cd "$folder"
 # The files that the documents name.
 "$ernerf" synth truth --size 192 --frames 60 --seed 3 --video person.mp4 --quiet
 mv person.mp4 VIDEO
+cp VIDEO talk.mp4
 cp truth/aud.wav speech.wav
+cp truth/aud.wav new.wav
 cp truth/aud.wav speech.mp3 # the form is told from the content
 head -c 64044 truth/aud.wav | tail -c 64000 > microphone.s16
 mkdir parts
@@ -48,7 +50,8 @@ live_line() {
   line=${line%% | ffplay*}
   case $line in *"--audio -"*) exec 8< <(microphone 2> /dev/null); input=/dev/fd/8 ;; *"--control -"*) input=lines ;; esac
   line="ernerf live ${line#*ernerf live }"
-  line="${line/127.0.0.1:8080/127.0.0.1:$port} --duration 2 --size 64x64 --overwrite --quiet"
+  line="${line/127.0.0.1:8080/127.0.0.1:$port} --duration 2 --overwrite --quiet"
+  [[ $line == *--video* ]] || line+=" --size 64x64" # recorded frames keep their size
   if [[ $line == *http:* ]]; then read_http "$port" > stream & reader=$!; fi
   local words=($line)
   "$ernerf" "${words[@]:1}" < "$input" >> stream 2> out.log || return 1
