@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: MIT
 # Runs every command line `ernerf VERB ...` that README and docs show in a block, in their order, on a made-up video, with few
 # steps and short times in the place of what the documents say. Samples of a file stand for the microphone, a reader of the stream
-# for the browser. Commands that need a network or a device which may not be here are counted and left out: api/test_docs checks
+# for the browser. Commands that need a network, a device or a folder of tools/portrait are counted and left out: api/test_docs checks
 # their options.
 # Usage: docs_commands.sh SOURCE ERNERF FOLDER
 set -euo pipefail
@@ -88,7 +88,7 @@ ran=0 left_out=0
 while IFS= read -r line; do
   line=$(sed -E 's/ {4,}.*//; s/ #.*//; s/ +/ /g' <<<"$line")
   case $line in
-    *.onnx* | *opencl*) left_out=$((left_out + 1)); continue ;;
+    *.onnx* | *opencl* | *" VIDEO/"*) left_out=$((left_out + 1)); continue ;;
     *" MODEL "*) line=${line/ MODEL / portrait.safetensors } ;;
     *ngp.pth*) [ -e ngp.pth ] || "$ernerf" convert head.safetensors ngp.pth --quiet 2> convert.log ;;
   esac
