@@ -13,14 +13,12 @@ cd "$work"
 
 cp -r "$source/python" module # pip builds where the sources are
 export PIP_ROOT_USER_ACTION=ignore
-if [ -z "${ERNERF_TEST_LONG-}" ]; then
-  mkdir site
-  cp -r module/ernerf site
-elif "$python" -c 'import setuptools, wheel, pip' 2>/dev/null; then
+if [ -n "${ERNERF_TEST_LONG-}" ] && "$python" -c 'import setuptools, wheel, pip' 2>/dev/null; then
   "$python" -m pip wheel --quiet --no-index --no-build-isolation --no-deps --wheel-dir wheels ./module
   "$python" -m pip install --quiet --no-index --no-deps --no-compile --target site wheels/ernerf-*.whl
 else
-  echo "$python has no pip, setuptools or wheel (python3-pip, -setuptools, -wheel): the module is not made into a wheel"
+  [ -z "${ERNERF_TEST_LONG-}" ] ||
+    echo "$python has no pip, setuptools or wheel (python3-pip, -setuptools, -wheel): the module is not made into a wheel"
   mkdir site
   cp -r module/ernerf site
 fi
