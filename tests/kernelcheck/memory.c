@@ -81,17 +81,18 @@ static void test_uploads_take_copies(void **state) {
   machines_clear();
 }
 
-/* A device's own times are those at which work is done, not those at which it was begun. */
+/* A device's own times are those at which work is done, not those at which it was begun. Another process may hold the
+   machine in any one interval, so the least of several turns are compared. */
 static void test_marks(void **state) {
   (void)state;
-  enum { N = 1 << 20, COPIES = 64 };
+  enum { N = 1 << 20, COPIES = 64, TURNS = 20 };
   EACH_MACHINE (k) {
     struct ern_backend *backend = machines.backend[k];
     struct ern_stream *stream = machines.stream[k];
     struct ern_buffer *buffer = NULL;
-    double ms[3] = {-1, -1, -1};
+    double ms[3] = {-1, -1, -1}, least_of_nothing = INFINITY, least_of_copies = INFINITY;
     support_ok(machines.context, backend->buffer_make(backend, ERN_ELEMENT_BYTE, 2 * N, &buffer));
-    for (int turn = 0; turn < 2; turn++) { /* marks may be set again */
+    for (int turn = 0; turn < TURNS; turn++) { /* marks may be set again */
       support_ok(machines.context, backend->mark(stream, 0));
       support_ok(machines.context, backend->mark(stream, 1));
       for (int i = 0; i < COPIES; i++)
@@ -99,10 +100,13 @@ static void test_marks(void **state) {
       support_ok(machines.context, backend->mark(stream, 2));
       support_ok(machines.context, backend->marks_read(stream, ms, 3));
       if (is_device(k))
-        assert_true(ms[0] == 0 && ms[1] >= 0 && ms[2] - ms[1] > ms[1]);
+        assert_true(ms[0] == 0 && ms[1] >= 0 && ms[2] >= ms[1]);
       else
         assert_true(ms[0] == -1 && ms[1] == -1 && ms[2] == -1);
+      least_of_nothing = fmin(least_of_nothing, ms[1] - ms[0]);
+      least_of_copies = fmin(least_of_copies, ms[2] - ms[1]);
     }
+    if (is_device(k)) assert_true(least_of_copies > least_of_nothing);
     backend->buffer_free(backend, buffer);
     machines.checks += k > 0;
   }
