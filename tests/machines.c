@@ -6,6 +6,7 @@
 #include <unistd.h>
 
 #include "backend_cpu/cpu_kernels.h"
+#include "backend_cpu/cpu_state.h"
 
 struct machines machines;
 

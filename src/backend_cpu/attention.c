@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * Slots of the region attention. */
 #include "backend_cpu/slots.h"
+#include "model/attention_ops.h"
 
 static struct ern_attention_shape shape_of(const struct ern_attention_fwd_args *a) {
   return (struct ern_attention_shape){a->region.rows, a->v.rows};

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * Slots of the audio networks. */
 #include "backend_cpu/slots.h"
+#include "mlp/audio_ops.h"
 
 ern_status ERN_REF(ern_cpu_audio_fwd)(struct ern_stream *stream, struct ern_audio_fwd_args *a) {
   kernels_of(stream)->audio_fwd(reals(a->code), reals(a->windows), reals(a->parameters), &a->net);

@@ -4,11 +4,11 @@
 #include "backend_cpu/backend_cpu.h"
 
 #include "backend_cpu/cpu_kernels.h"
+#include "backend_cpu/cpu_state.h"
 #include "backend_cpu/fused/render.h"
 #include "backend_cpu/fused/step.h"
 #include "backend_cpu/fused/step_kernels.h"
 #include "backend_cpu/fused/torso.h"
-#include "core/kernels.h"
 #include "core/memory.h"
 
 /* Large enough for the kernels of either scalar type: all members are pointers. */

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * Slots from samples to pixels. */
 #include "backend_cpu/slots.h"
+#include "render/composite_ops.h"
 
 static struct ern_composite_view composite_view(const struct ern_composite_fwd_args *a, size_t begin) {
   return (struct ern_composite_view){.pixel = after(reals(a->pixel.span), begin),

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * Slots of the encodings. */
 #include "backend_cpu/slots.h"
+#include "mlp/encoding_ops.h"
 
 ERN_SHARDED_SLOT(sh_fwd, a->n, 64) {
   kernels->sh_fwd(reals(a->y.span) + r.begin, a->y.stride, reals(a->d.span) + r.begin, a->d.stride, r.end - r.begin);

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * Slots of the grids. */
 #include "backend_cpu/slots.h"
+#include "hashgrid/hashgrid_ops.h"
 
 static void grid_pointers(const ern_real *out[ERN_GRID_MAX_DIMS], const ern_span *in, int dims, size_t begin) {
   for (int d = 0; d < ERN_GRID_MAX_DIMS; d++) out[d] = d < dims ? after(reals(in[d]), begin) : NULL;

@@ -3,6 +3,7 @@
 #include <math.h>
 
 #include "backend_cpu/slots.h"
+#include "train/losses_ops.h"
 
 struct head_loss_job {
   const struct ern_cpu_kernels *kernels;

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * Slots from pixels to samples. */
 #include "backend_cpu/slots.h"
+#include "render/march_ops.h"
 
 ERN_SHARDED_SLOT(rays, a->n, 64) {
   kernels->rays(reals(a->dir.span) + r.begin, a->dir.stride, int32s(a->pixel) + r.begin, &a->view, r.end - r.begin);

@@ -1,7 +1,6 @@
 /* SPDX-License-Identifier: MIT
  * The memory slots, and the function that fills the table. */
 #include "backend_cpu/slots.h"
-#include "core/kernels.h"
 
 static ern_status upload_reals(struct ern_stream *stream, ern_span to, const float *from, size_t count) {
   (void)stream;

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * Slots of the occupancy grid. */
 #include "backend_cpu/slots.h"
+#include "render/occupancy_ops.h"
 
 ERN_SHARDED_SLOT(occupancy_mark, ERN_OCCUPANCY_CELLS, 64) {
   kernels->occupancy_mark(reals(a->grid), a->views, a->view_count, a->bound, (uint32_t)r.begin, (uint32_t)r.end);

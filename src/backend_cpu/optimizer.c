@@ -3,6 +3,7 @@
 #include <math.h>
 
 #include "backend_cpu/slots.h"
+#include "train/optimizer_ops.h"
 
 enum { ALONE = 1 << 13 /* below this, one thread is done before another has woken up */ };
 
@@ -28,17 +29,4 @@ ern_status ERN_REF(ern_cpu_adamw)(struct ern_stream *stream, struct ern_adamw_ar
 
 ERN_SHARDED_SLOT(ema, a->n, 64) {
   kernels->ema(reals(a->average) + r.begin, reals(a->parameters) + r.begin, a->decay, r.end - r.begin);
-}
-
-/* A shard's result: 1 where a value is not finite. */
-static void finite_task(void *user, size_t k, int worker) {
-  (void)worker;
-  struct figure_job *job = user;
-  const struct ern_finite_args *a = job->args;
-  const struct range r = shard(a->n, 64, k);
-  job->part[k] = job->kernels->finite(reals(a->values) + r.begin, r.end - r.begin) ? 0 : 1;
-}
-ern_status ERN_REF(ern_cpu_finite)(struct ern_stream *stream, struct ern_finite_args *a) {
-  a->finite = sum_of_parts(stream, a, finite_task) == 0;
-  return ERN_OK;
 }

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * Slot of the loss over patches: channels of patches one after another, sums in the order of the shards. */
 #include "backend_cpu/slots.h"
+#include "train/patches_ops.h"
 
 struct patch_job {
   const struct ern_cpu_kernels *kernels;

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * Slots that convert between the caller's pictures and rows. */
 #include "backend_cpu/slots.h"
+#include "render/picture_ops.h"
 
 ERN_SHARDED_SLOT(background, a->n, 64) {
   const uint8_t *background = bytes(a->background), *torso = bytes(a->torso);
@@ -40,4 +41,17 @@ ERN_SHARDED_SLOT(overlay, a->n, 64) {
   kernels->overlay(reals(a->pixel.span) + r.begin, a->pixel.stride, reals(a->colour.span) + r.begin, a->colour.stride,
                    reals(a->opacity) + r.begin, reals(a->background.span) + r.begin, a->background.stride,
                    r.end - r.begin);
+}
+
+/* A shard's result: 1 where a value is not finite. */
+static void finite_task(void *user, size_t k, int worker) {
+  (void)worker;
+  struct figure_job *job = user;
+  const struct ern_finite_args *a = job->args;
+  const struct range r = shard(a->n, 64, k);
+  job->part[k] = job->kernels->finite(reals(a->values) + r.begin, r.end - r.begin) ? 0 : 1;
+}
+ern_status ERN_REF(ern_cpu_finite)(struct ern_stream *stream, struct ern_finite_args *a) {
+  a->finite = sum_of_parts(stream, a, finite_task) == 0;
+  return ERN_OK;
 }

@@ -2,6 +2,7 @@
  * Renders rays from direction to pixel, tile by tile, by the separate stages. */
 #include "backend_cpu/slots.h"
 #include "core/memory.h"
+#include "render/render_ops.h"
 #include "render/stages.h"
 
 enum { RAY_TILE = 1024 /* rays that a worker renders at a time */ };

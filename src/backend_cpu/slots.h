@@ -11,6 +11,7 @@
 #include <string.h>
 
 #include "backend_cpu/cpu_kernels.h"
+#include "backend_cpu/cpu_state.h"
 
 #define ERN_CPU_SLOT(name) ern_status ERN_REF(ern_cpu_##name)(struct ern_stream *, struct ern_##name##_args *);
 ERN_SLOTS(ERN_CPU_SLOT)

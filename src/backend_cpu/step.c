@@ -3,6 +3,8 @@
 #include "train/step.h"
 
 #include "backend_cpu/slots.h"
+#include "render/render_ops.h"
+#include "train/step_ops.h"
 
 ern_status ERN_REF(ern_cpu_head_density)(struct ern_stream *stream, struct ern_head_density_args *a) {
   return ern_head_density_stages(stream, a);

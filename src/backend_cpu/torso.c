@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * Slots of the torso. */
 #include "backend_cpu/slots.h"
+#include "model/torso_ops.h"
 #include "render/stages.h"
 
 ern_status ERN_REF(ern_cpu_torso_pose_fwd)(struct ern_stream *stream, struct ern_torso_pose_fwd_args *a) {

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * The slot that enlarges a layer. */
 #include "backend_cpu/slots.h"
+#include "render/upsample_ops.h"
 
 /* Shards of whole rows. */
 ERN_SHARDED_SLOT(upsample, (size_t)a->height, 1) {

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * Slots of the activations. */
 #include "backend_opencl/opencl.h"
+#include "mlp/activation_ops.h"
 
 /* In the order of ern_activation. */
 static const char *const activate_fwd_kernel[] = {"activate_fwd_density", "activate_fwd_colour", "activate_fwd_sigmoid",

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * Slots of the region attention. */
 #include "backend_opencl/opencl.h"
+#include "model/attention_ops.h"
 
 enum { PARTS = 64 }; /* as in kernels/attention.cl */
 

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * Slots from samples to pixels. */
 #include "backend_opencl/opencl.h"
+#include "render/composite_ops.h"
 
 /* An item processes RAYS rays, as in kernels/composite.cl. */
 static ern_status run_rays(struct ern_cl_call *call, size_t n) {

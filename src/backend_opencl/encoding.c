@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * Slots of the encodings. */
 #include "backend_opencl/opencl.h"
+#include "mlp/encoding_ops.h"
 
 ern_status ern_cl_sh_fwd(struct ern_stream *stream, struct ern_sh_fwd_args *a) {
   const struct ern_cl_blocks shape = ern_cl_blocks_of(stream, a->n);

@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "backend_opencl/opencl.h"
+#include "hashgrid/hashgrid_ops.h"
 
 enum { OWNERS = 512, OPTION_BYTES = 160 };
 

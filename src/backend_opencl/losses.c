@@ -2,6 +2,7 @@
  * Slots of the losses: the parts' shares of a result are added up in double when the stream is synchronized. */
 #include "backend_opencl/opencl.h"
 #include "core/rng.h"
+#include "train/losses_ops.h"
 
 /* After the launch that fills the `count` results requested last: where it failed, `synchronize` must not deliver
  * them. */

@@ -5,6 +5,7 @@
 
 #include "backend_opencl/device/limits.h"
 #include "backend_opencl/opencl.h"
+#include "render/march_ops.h"
 
 ern_status ern_cl_rays(struct ern_stream *stream, struct ern_rays_args *a) {
   static_assert(sizeof(struct ern_view) == 21 * 4, "struct view in march.cl");

@@ -5,6 +5,7 @@
 
 #include "backend_opencl/opencl.h"
 #include "core/format.h"
+#include "mlp/mlp_ops.h"
 
 enum {
   OPTION_BYTES = 2048,

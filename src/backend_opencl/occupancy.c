@@ -5,6 +5,8 @@
 #include "backend_opencl/opencl.h"
 #include "core/memory.h"
 #include "core/rng.h"
+#include "render/march_ops.h"
+#include "render/occupancy_ops.h"
 
 enum { CUBES = ERN_OCCUPANCY_CELLS / 8, BLOCKS = ERN_OCCUPANCY_CELLS / 64 };
 

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * Slot of the loss over patches: downsamples scale by scale, computes the gradient at each, and passes it back up. */
 #include "backend_opencl/opencl.h"
+#include "train/patches_ops.h"
 
 enum { SCALES = ERN_PATCH_SCALES, PRODUCTS = 5, SLOPES = 4 };
 

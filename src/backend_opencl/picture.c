@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * Slots that convert between pixel rows and the caller's pictures. */
 #include "backend_opencl/opencl.h"
+#include "render/picture_ops.h"
 
 /* Runs items for n elements, each item a vector of the device. */
 static ern_status run_vectors(struct ern_cl_call *call, size_t n) {
@@ -71,4 +72,24 @@ ern_status ern_cl_overlay(struct ern_stream *stream, struct ern_overlay_args *a)
   ern_cl_rows(&call, a->background);
   ern_cl_size(&call, a->n);
   return run_vectors(&call, a->n);
+}
+
+ern_status ern_cl_finite(struct ern_stream *stream, struct ern_finite_args *a) {
+  const struct ern_arena_mark mark = ern_arena_mark(stream);
+  ern_status status = ERN_OK;
+  ern_span found;
+  int32_t host[ERN_CL_SUMS];
+  a->finite = true;
+  if (a->n == 0) return ERN_OK;
+  ERN_TRY(ern_scratch_take(stream, ERN_ELEMENT_INT32, ERN_CL_SUMS, &found));
+  struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_picture, "finite", "");
+  ern_cl_span(&call, found);
+  ern_cl_span(&call, a->values);
+  ern_cl_size(&call, a->n);
+  ERN_TRY(ern_cl_run_sums(&call));
+  ERN_TRY(ern_cl_read(stream, host, found, ERN_CL_SUMS));
+  for (size_t i = 0; i < ERN_CL_SUMS; i++) a->finite = a->finite && host[i] == 0;
+fail:
+  ern_arena_release(stream, mark);
+  return status;
 }

@@ -7,6 +7,8 @@
 #include "backend_opencl/render_head.h"
 #include "backend_opencl/render_torso.h"
 #include "core/memory.h"
+#include "model/torso_ops.h"
+#include "render/render_ops.h"
 #include "render/stages.h"
 
 void ern_cl_portrait_free(struct ern_cl_stream *stream) {

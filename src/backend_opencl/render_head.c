@@ -13,6 +13,8 @@
 #include "backend_opencl/portrait.h"
 #include "core/memory.h"
 #include "model/field.h"
+#include "render/march_ops.h"
+#include "render/render_ops.h"
 #include "render/tile_culling_ops.h"
 
 enum {

@@ -9,8 +9,10 @@
 #include "backend_opencl/device/buffer.h"
 #include "backend_opencl/portrait.h"
 #include "core/memory.h"
+#include "mlp/encoding_ops.h"
 #include "model/field.h"
 #include "model/torso_ops.h"
+#include "render/render_ops.h"
 
 enum {
   HIDDEN = 32, /* as in render_torso.cl */

@@ -3,6 +3,7 @@
  * from there. One group scans few values alone. */
 #include "backend_opencl/device/limits.h"
 #include "backend_opencl/opencl.h"
+#include "render/march_ops.h"
 
 enum {
   GPU_ITEMS = ERN_CL_LIMIT_group_items, /* a group; on a CPU one item scans the whole block */

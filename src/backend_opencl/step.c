@@ -4,6 +4,8 @@
 #include "train/step.h"
 
 #include "backend_opencl/opencl.h"
+#include "render/render_ops.h"
+#include "train/step_ops.h"
 
 static ern_status too_little(struct ern_stream *stream, const char *what, const char *one) {
   ern_context *context = stream->backend->context;

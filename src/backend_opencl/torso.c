@@ -6,6 +6,7 @@
 #include "core/memory.h"
 #include "core/rng.h"
 #include "model/torso_ops.h"
+#include "render/march_ops.h"
 
 static struct ern_cl_call begin(struct ern_stream *stream, const char *kernel) {
   return ern_cl_begin(stream, ERN_CL_torso, kernel, "");

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * The slot that upsamples a layer. */
 #include "backend_opencl/opencl.h"
+#include "render/upsample_ops.h"
 
 ern_status ern_cl_upsample(struct ern_stream *stream, struct ern_upsample_args *a) {
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_upsample, "upsample_picture", "");

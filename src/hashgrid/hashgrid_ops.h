@@ -4,6 +4,7 @@
 #ifndef ERN_HASHGRID_OPS_H
 #define ERN_HASHGRID_OPS_H
 
+#include "core/operations.h"
 #include "core/types.h"
 
 struct ern_grid_level {
@@ -47,8 +48,6 @@ typedef void ern_grid_bwd_kernel(ern_real *dtable, ern_real *const dx[ERN_GRID_M
                                  size_t stride, const ern_real *const x[ERN_GRID_MAX_DIMS], const ern_real *table,
                                  const struct ern_grid *grid, int level_begin, int level_end, size_t n);
 
-#define ERN_HASHGRID_OPERATIONS(OP, X) \
-  OP(X, grid_fwd, SLOT, FAST)          \
-  OP(X, grid_bwd, SLOT, FAST)
+ERN_DECLARE_KERNELS(ERN_HASHGRID_OPERATIONS)
 
 #endif

@@ -5,7 +5,7 @@
  *   f_l(x) = sum over the 2^dims corners b of prod_d (b_d ? t_d : 1 - t_d) * table[index(cell + b)] */
 #include <tgmath.h>
 
-#include "core/kernels.h"
+#include "hashgrid/hashgrid_ops.h"
 
 /* The cell of a sample in a level, and its position in the cell. */
 struct place {

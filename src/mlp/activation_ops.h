@@ -3,6 +3,7 @@
 #ifndef ERN_ACTIVATION_OPS_H
 #define ERN_ACTIVATION_OPS_H
 
+#include "core/operations.h"
 #include "core/types.h"
 
 typedef enum ern_activation {
@@ -30,8 +31,6 @@ typedef void ern_activate_fwd_kernel(ern_real *y, const ern_real *x, ern_activat
 typedef void ern_activate_bwd_kernel(ern_real *dx, const ern_real *dy, const ern_real *x, ern_activation kind,
                                      size_t n);
 
-#define ERN_ACTIVATION_OPERATIONS(OP, X) \
-  OP(X, activate_fwd, SLOT, FAST)        \
-  OP(X, activate_bwd, SLOT, FAST)
+ERN_DECLARE_KERNELS(ERN_ACTIVATION_OPERATIONS)
 
 #endif

@@ -2,7 +2,7 @@
  * Reference of the output activations. None overflows for a finite input; a NaN stays one. */
 #include <tgmath.h>
 
-#include "core/kernels.h"
+#include "mlp/activation_ops.h"
 
 /* 1/(1 + exp(-x)): exp may become infinite, the quotient is then 0 */
 static ern_real sigmoid(ern_real x) { return 1 / (1 + exp(-x)); }

@@ -4,6 +4,7 @@
 #ifndef ERN_AUDIO_OPS_H
 #define ERN_AUDIO_OPS_H
 
+#include "core/operations.h"
 #include "core/types.h"
 
 enum {
@@ -66,12 +67,6 @@ typedef void ern_audio_mix_bwd_kernel(ern_real *dparameters, ern_real *dcodes, c
                                       const ern_real *codes, const ern_real *parameters,
                                       const struct ern_audio_net *net);
 
-#define ERN_AUDIO_OPERATIONS(OP, X) \
-  OP(X, audio_fwd, SLOT, FAST)      \
-  OP(X, audio_bwd, SLOT, FAST)      \
-  OP(X, audio_frame, SLOT, NONE)    \
-  OP(X, audio_window, NONE, REF)    \
-  OP(X, audio_mix, NONE, REF)       \
-  OP(X, audio_mix_bwd, NONE, REF)
+ERN_DECLARE_KERNELS(ERN_AUDIO_OPERATIONS)
 
 #endif

@@ -4,7 +4,7 @@
 #include <stdbool.h>
 #include <tgmath.h>
 
-#include "core/kernels.h"
+#include "mlp/audio_ops.h"
 #include "mlp/conv1d_ref.h"
 
 enum { WINDOWS = ERN_AUDIO_WINDOWS, CONVS = ERN_AUDIO_CONVS, ATT_CONVS = ERN_AUDIO_ATT_CONVS, HIDDEN = 64 };

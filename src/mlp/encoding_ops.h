@@ -3,6 +3,7 @@
 #ifndef ERN_ENCODING_OPS_H
 #define ERN_ENCODING_OPS_H
 
+#include "core/operations.h"
 #include "core/types.h"
 
 /* Real spherical harmonics of degrees 0..3 of unit directions; 16 rows. */
@@ -41,10 +42,6 @@ typedef void ern_freq_fwd_kernel(ern_real *y, size_t y_stride, const ern_real *x
 typedef void ern_freq_bwd_kernel(ern_real *dx, size_t dx_stride, const ern_real *dy, size_t dy_stride,
                                  const ern_real *x, size_t x_stride, int dims, int octaves, size_t n);
 
-#define ERN_ENCODING_OPERATIONS(OP, X) \
-  OP(X, sh_fwd, SLOT, FAST)            \
-  OP(X, sh_bwd, SLOT, REF)             \
-  OP(X, freq_fwd, SLOT, FAST)          \
-  OP(X, freq_bwd, SLOT, FAST)
+ERN_DECLARE_KERNELS(ERN_ENCODING_OPERATIONS)
 
 #endif

@@ -2,7 +2,7 @@
  * Reference of the positional encodings: spherical harmonics of directions, sines of positions. */
 #include <tgmath.h>
 
-#include "core/kernels.h"
+#include "mlp/encoding_ops.h"
 
 /* Factors of the spherical harmonics. */
 static const ern_real c00 = (ern_real)0.28209479177387814; /* 1/2 sqrt(1/pi) */

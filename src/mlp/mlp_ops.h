@@ -3,6 +3,7 @@
 #ifndef ERN_MLP_OPS_H
 #define ERN_MLP_OPS_H
 
+#include "core/operations.h"
 #include "core/types.h"
 
 /* y = W[layers-1] relu( ... relu(W[0] x)), W[l] is [width[l+1]][width[l]], row-major, as torch.nn.Linear stores it. */
@@ -41,8 +42,6 @@ typedef void ern_mlp_bwd_kernel(const struct ern_rows_view *dx, ern_real *dparam
                                 size_t dy_stride, const struct ern_rows_view *x, int pieces, const int32_t *ray,
                                 const ern_real *parameters, const struct ern_mlp *mlp, size_t n, ern_real *scratch);
 
-#define ERN_MLP_OPERATIONS(OP, X) \
-  OP(X, mlp_fwd, SLOT, FAST)      \
-  OP(X, mlp_bwd, SLOT, FAST)
+ERN_DECLARE_KERNELS(ERN_MLP_OPERATIONS)
 
 #endif

@@ -1,7 +1,6 @@
 /* SPDX-License-Identifier: MIT
  * Reference of the fully connected stacks. Samples are processed in tiles, padded with zeros to full size, so that
  * every inner loop has a constant length. */
-#include "core/kernels.h"
 #include "mlp/mlp_tile.h"
 
 enum { TILE = ERN_MLP_TILE, PARTS = 8 };

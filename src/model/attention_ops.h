@@ -3,6 +3,7 @@
 #ifndef ERN_ATTENTION_OPS_H
 #define ERN_ATTENTION_OPS_H
 
+#include "core/operations.h"
 #include "core/types.h"
 
 /* region = v * code by channel; norm = |v|_2; region_eye = eye * eye_attention. */
@@ -39,8 +40,6 @@ typedef void ern_attention_bwd_kernel(ern_real *dv, ern_real *dcode, ern_real *d
                                       const ern_real *norm, const ern_real *code, ern_real eye,
                                       struct ern_attention_shape shape, size_t stride, size_t n);
 
-#define ERN_ATTENTION_OPERATIONS(OP, X) \
-  OP(X, attention_fwd, SLOT, FAST)      \
-  OP(X, attention_bwd, SLOT, FAST)
+ERN_DECLARE_KERNELS(ERN_ATTENTION_OPERATIONS)
 
 #endif

@@ -3,7 +3,7 @@
  * Sums over channels and samples are in double in every build: no overflow of the squares, no loss in long sums. */
 #include <math.h>
 
-#include "core/kernels.h"
+#include "model/attention_ops.h"
 
 void ERN_REF(ern_attention_fwd)(ern_real *region, ern_real *norm, ern_real *region_eye, const ern_real *v,
                                 const ern_real *code, const ern_real *eye_attention, ern_real eye,

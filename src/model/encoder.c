@@ -2,6 +2,8 @@
 #include "model/encoder.h"
 
 #include "core/status.h"
+#include "mlp/activation_ops.h"
+#include "mlp/encoding_ops.h"
 
 /* ---- grids ------------------------------------------------------------------------------------------------------- */
 

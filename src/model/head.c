@@ -2,6 +2,8 @@
 #include "model/head.h"
 
 #include "core/status.h"
+#include "mlp/activation_ops.h"
+#include "model/attention_ops.h"
 #include "model/encoder.h"
 
 static bool has(ern_rows rows) { return rows.span.buffer != NULL; }

@@ -2,6 +2,9 @@
 #include "model/torso.h"
 
 #include "core/status.h"
+#include "mlp/activation_ops.h"
+#include "mlp/encoding_ops.h"
+#include "model/torso_ops.h"
 
 static ern_rows once(ern_rows rows) {
   rows.per = ERN_PER_BATCH;

@@ -4,6 +4,7 @@
 #ifndef ERN_TORSO_OPS_H
 #define ERN_TORSO_OPS_H
 
+#include "core/operations.h"
 #include "core/types.h"
 
 enum { ERN_TORSO_POINTS = 3, ERN_TORSO_SIDE = 128, ERN_TORSO_CELLS = 128 * 128 };
@@ -137,17 +138,6 @@ static inline struct ern_torso_place ern_torso_place_of(const struct ern_render_
   return args->frame.width > 0 ? args->frame : (struct ern_torso_place){0, 0, args->width, args->height};
 }
 
-#define ERN_TORSO_OPERATIONS(OP, X)     \
-  OP(X, torso_pose_fwd, SLOT, REF)      \
-  OP(X, torso_pose_bwd, SLOT, REF)      \
-  OP(X, torso_coords, SLOT, REF)        \
-  OP(X, torso_select, SLOT, REF)        \
-  OP(X, torso_deform_fwd, SLOT, REF)    \
-  OP(X, torso_deform_bwd, SLOT, REF)    \
-  OP(X, torso_composite_fwd, SLOT, REF) \
-  OP(X, torso_composite_bwd, SLOT, REF) \
-  OP(X, torso_points, SLOT, REF)        \
-  OP(X, torso_update, SLOT, REF)        \
-  OP(X, render_torso, SLOT, NONE)
+ERN_DECLARE_KERNELS(ERN_TORSO_OPERATIONS)
 
 #endif

@@ -5,8 +5,8 @@
 #include <math.h>
 #include <stdbool.h>
 
-#include "core/kernels.h"
 #include "core/rng.h"
+#include "model/torso_ops.h"
 
 static const int last_cell = ERN_TORSO_SIDE - 1;
 

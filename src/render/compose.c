@@ -3,7 +3,10 @@
 #include <math.h>
 #include <string.h>
 
+#include "model/torso_ops.h"
+#include "render/picture_ops.h"
 #include "render/ray_reuse.h"
+#include "render/upsample_ops.h"
 
 /* The background rows: the caller's background, the caller's torso image over it; premultiplied. */
 static ern_status upload_background(ern_renderer *r, const ern_frame_input *input, struct frame *f) {

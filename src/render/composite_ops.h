@@ -3,6 +3,7 @@
 #ifndef ERN_COMPOSITE_OPS_H
 #define ERN_COMPOSITE_OPS_H
 
+#include "core/operations.h"
 #include "core/types.h"
 
 /* alpha = 1 - exp(-sigma dt), w = alpha T, T *= 1 - alpha, no sample after T < transmittance_stop.
@@ -49,8 +50,6 @@ struct ern_composite_bwd_view {
 };
 typedef void ern_composite_bwd_kernel(const struct ern_composite_bwd_view *view, size_t n);
 
-#define ERN_COMPOSITE_OPERATIONS(OP, X) \
-  OP(X, composite_fwd, SLOT, FAST)      \
-  OP(X, composite_bwd, SLOT, FAST)
+ERN_DECLARE_KERNELS(ERN_COMPOSITE_OPERATIONS)
 
 #endif

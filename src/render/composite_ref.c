@@ -5,7 +5,7 @@
  * while the transmittance before it is T_i >= stop; with stop < 1 the first one always does. */
 #include <tgmath.h>
 
-#include "core/kernels.h"
+#include "render/composite_ops.h"
 
 static ern_real at_or_zero(const ern_real *values, size_t i) { return values ? values[i] : 0; }
 

@@ -3,6 +3,7 @@
 #ifndef ERN_MARCH_OPS_H
 #define ERN_MARCH_OPS_H
 
+#include "core/operations.h"
 #include "core/types.h"
 
 /* A pinhole camera in the renderer's frame: x up, y out of the face toward the camera, z right. */
@@ -86,12 +87,6 @@ struct ern_spread_rays_args {
 typedef void ern_spread_rays_kernel(ern_real *y, size_t y_stride, const ern_real *x, size_t x_stride,
                                     const int32_t *ray, int rows, size_t n);
 
-#define ERN_MARCH_OPERATIONS(OP, X) \
-  OP(X, rays, SLOT, FAST)           \
-  OP(X, march, SLOT, FAST)          \
-  OP(X, march_from, NONE, FAST)     \
-  OP(X, scan, SLOT, NONE)           \
-  OP(X, samples, SLOT, FAST)        \
-  OP(X, spread_rays, SLOT, REF)
+ERN_DECLARE_KERNELS(ERN_MARCH_OPERATIONS)
 
 #endif

@@ -3,7 +3,7 @@
  * build, so that float and double builds use the same rays and evaluate the model at the same points. */
 #include <math.h>
 
-#include "core/kernels.h"
+#include "render/march_ops.h"
 #include "render/morton.h"
 
 /* Of a pinhole camera (docs/maths.md, Rays and samples): c = ((i + 1/2 - cx)/f, (j + 1/2 - cy)/f, 1), then d = R c/|c|,

@@ -3,6 +3,7 @@
 #ifndef ERN_OCCUPANCY_OPS_H
 #define ERN_OCCUPANCY_OPS_H
 
+#include "core/operations.h"
 #include "core/types.h"
 
 struct ern_view;
@@ -93,12 +94,6 @@ typedef void ern_occupancy_update_kernel(ern_real *grid, double *sum, const ern_
 typedef void ern_occupancy_pack_kernel(uint8_t *bits, const ern_real *grid, float threshold, uint32_t byte_begin,
                                        uint32_t byte_end);
 
-#define ERN_OCCUPANCY_OPERATIONS(OP, X) \
-  OP(X, occupancy_mark, SLOT, REF)      \
-  OP(X, occupancy_list, SLOT, REF)      \
-  OP(X, occupancy_points, SLOT, FAST)   \
-  OP(X, occupancy_scatter, SLOT, NONE)  \
-  OP(X, occupancy_update, SLOT, FAST)   \
-  OP(X, occupancy_pack, NONE, FAST)
+ERN_DECLARE_KERNELS(ERN_OCCUPANCY_OPERATIONS)
 
 #endif

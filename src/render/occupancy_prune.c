@@ -4,6 +4,7 @@
 #include "core/memory.h"
 #include "core/status.h"
 #include "render/cell_points.h"
+#include "render/render_ops.h"
 
 enum { CHUNK = 1 << 13 /* cells evaluated at once */ };
 

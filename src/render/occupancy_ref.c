@@ -4,9 +4,10 @@
  * same points. */
 #include <math.h>
 
-#include "core/kernels.h"
 #include "core/rng.h"
+#include "render/march_ops.h"
 #include "render/morton.h"
+#include "render/occupancy_ops.h"
 
 static const uint32_t last_cell = ERN_OCCUPANCY_SIDE - 1;
 

@@ -4,6 +4,7 @@
 #ifndef ERN_PICTURE_OPS_H
 #define ERN_PICTURE_OPS_H
 
+#include "core/operations.h"
 #include "core/types.h"
 
 /* The picture behind the layers, bytes/255: the torso picture over the background, front a + back (1 - a); without a
@@ -82,12 +83,14 @@ typedef void ern_overlay_kernel(ern_real *pixel, size_t pixel_stride, const ern_
                                 const ern_real *opacity, const ern_real *background, size_t background_stride,
                                 size_t n);
 
-#define ERN_PICTURE_OPERATIONS(OP, X) \
-  OP(X, background, SLOT, FAST)       \
-  OP(X, picture, SLOT, FAST)          \
-  OP(X, gather, SLOT, REF)            \
-  OP(X, scatter, SLOT, REF)           \
-  OP(X, blend, SLOT, REF)             \
-  OP(X, overlay, SLOT, REF)
+/* Whether all values are finite. */
+struct ern_finite_args {
+  ern_span values;
+  size_t n;
+  bool finite; /* out, on the host */
+};
+typedef bool ern_finite_kernel(const ern_real *values, size_t n);
+
+ERN_DECLARE_KERNELS(ERN_PICTURE_OPERATIONS)
 
 #endif

@@ -2,7 +2,7 @@
  * Reference of the conversions between bytes and rows (picture_ops.h). */
 #include <math.h>
 
-#include "core/kernels.h"
+#include "render/picture_ops.h"
 
 void ERN_REF(ern_background)(ern_real *pixel, size_t stride, ern_real *opacity, const uint8_t *background,
                              const uint8_t *torso, size_t n) {
@@ -67,4 +67,11 @@ void ERN_REF(ern_overlay)(ern_real *pixel, size_t pixel_stride, const ern_real *
       const ern_real value = colour[c * colour_stride + i] + (1 - opacity[i]) * background[c * background_stride + i];
       pixel[c * pixel_stride + i] = value < 0 ? 0 : value > 1 ? 1 : value;
     }
+}
+
+bool ERN_REF(ern_finite)(const ern_real *values, size_t n) {
+  for (size_t i = 0; i < n; i++) {
+    if (!isfinite(values[i])) return false;
+  }
+  return true;
 }

@@ -7,6 +7,7 @@
 
 #include "core/floats.h"
 #include "core/sized.h"
+#include "render/picture_ops.h"
 
 enum { PATIENCE = 4 /* frames of a view before its rays are sorted, which takes as long as several frames */ };
 

@@ -40,8 +40,17 @@ struct ern_render_rays_args {
   size_t n;
 };
 
-#define ERN_RENDER_OPERATIONS(OP, X) \
-  OP(X, render_prepare, SLOT, NONE)  \
-  OP(X, render_rays, SLOT, NONE)
+/* Density at points. */
+struct ern_head_density_args {
+  ern_span sigma; /* out: real [n] */
+  ern_rows x;     /* [3] per point */
+  ern_span parameters;
+  const struct ern_field *field;
+  ern_span code; /* real [A], the audio code */
+  float eye_value;
+  bool bf16; /* products in bf16, sums in float; only where the backend trains_bf16 and the head is the paper's own */
+  size_t n;
+  size_t at_once; /* points that go through a stage together; 0: as many as suit the cache of a CPU */
+};
 
 #endif

@@ -9,8 +9,10 @@
 
 #include "core/floats.h"
 #include "core/sized.h"
+#include "model/torso_ops.h"
 #include "render/frame_input.h"
 #include "render/occupancy_prune.h"
+#include "render/picture_ops.h"
 
 enum { OPTIONS_COOKIE = 0x45524e33 };
 

@@ -3,7 +3,11 @@
 
 #include "core/profile.h"
 #include "core/status.h"
+#include "mlp/encoding_ops.h"
 #include "model/head.h"
+#include "render/composite_ops.h"
+#include "render/march_ops.h"
+#include "render/render_ops.h"
 
 ern_status ern_march_rays(struct ern_stream *stream, ern_span pixel_number, const struct ern_view *view,
                           ern_span jitter, ern_span bits, const struct ern_march_settings *settings, size_t rays,

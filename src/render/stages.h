@@ -5,6 +5,7 @@
 
 #include "core/backend.h"
 #include "model/field.h"
+#include "render/march_ops.h"
 
 ern_status ern_render_rays_stages(struct ern_stream *stream, struct ern_render_rays_args *args);
 ern_status ern_render_torso_stages(struct ern_stream *stream, struct ern_render_torso_args *args);

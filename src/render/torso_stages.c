@@ -2,6 +2,7 @@
 #include "core/memory.h"
 #include "core/status.h"
 #include "model/torso.h"
+#include "model/torso_ops.h"
 #include "render/stages.h"
 
 static int32_t held(int32_t i, int first, int count) {

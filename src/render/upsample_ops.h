@@ -3,6 +3,7 @@
 #ifndef ERN_UPSAMPLE_OPS_H
 #define ERN_UPSAMPLE_OPS_H
 
+#include "core/operations.h"
 #include "core/types.h"
 
 /* Bicubic upsampling (Keys 1981, a = -1/2: the Catmull-Rom cubic), edge pixels repeated. Pixel x of the large picture
@@ -28,6 +29,6 @@ struct ern_upsample_view {
 /* Rows [begin, end) of the large picture. */
 typedef void ern_upsample_kernel(const struct ern_upsample_view *view, int begin, int end);
 
-#define ERN_UPSAMPLE_OPERATIONS(OP, X) OP(X, upsample, SLOT, REF)
+ERN_DECLARE_KERNELS(ERN_UPSAMPLE_OPERATIONS)
 
 #endif

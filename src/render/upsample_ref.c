@@ -3,7 +3,7 @@
  * rows of the small picture, then along the row. */
 #include <math.h>
 
-#include "core/kernels.h"
+#include "render/upsample_ops.h"
 
 enum { STRETCH = 128 /* pixels of the large picture */, TAPS = 4, REACH = STRETCH + TAPS };
 

@@ -2,7 +2,9 @@
  * The head's density at points, stage by stage. */
 #include "core/status.h"
 #include "model/head.h"
+#include "render/render_ops.h"
 #include "train/step.h"
+#include "train/step_ops.h"
 
 enum { CACHED = 1 << 14 /* points whose activations stay in the cache */ };
 

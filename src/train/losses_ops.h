@@ -3,6 +3,7 @@
 #ifndef ERN_LOSSES_OPS_H
 #define ERN_LOSSES_OPS_H
 
+#include "core/operations.h"
 #include "core/types.h"
 
 typedef enum ern_loss_term {
@@ -125,13 +126,6 @@ typedef void ern_pose_bwd_kernel(double dpose[ERN_POSE_SLOPES], const ern_real *
                                  size_t x_stride, const ern_real *dd, size_t dd_stride, const ern_real *d,
                                  size_t d_stride, const ern_real *weight, size_t n);
 
-#define ERN_LOSSES_OPERATIONS(OP, X) \
-  OP(X, head_loss, SLOT, FAST)       \
-  OP(X, head_softmax, NONE, FAST)    \
-  OP(X, smooth_loss, SLOT, FAST)     \
-  OP(X, smooth_points, SLOT, FAST)   \
-  OP(X, mse, SLOT, FAST)             \
-  OP(X, key_points_loss, SLOT, REF)  \
-  OP(X, pose_bwd, SLOT, REF)
+ERN_DECLARE_KERNELS(ERN_LOSSES_OPERATIONS)
 
 #endif

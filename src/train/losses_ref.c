@@ -3,8 +3,8 @@
  */
 #include <tgmath.h>
 
-#include "core/kernels.h"
 #include "core/rng.h"
+#include "train/losses_ops.h"
 
 /* ---- terms of the head ---- */
 

@@ -1,8 +1,9 @@
 /* SPDX-License-Identifier: MIT
- * AdamW, the moving average of parameters, and whether they are finite (docs/maths.md, Update). */
+ * AdamW, and the moving average of parameters (docs/maths.md, Update). */
 #ifndef ERN_OPTIMIZER_OPS_H
 #define ERN_OPTIMIZER_OPS_H
 
+#include "core/operations.h"
 #include "core/types.h"
 
 /* AdamW with beta1 = 0, so that the first moment is the gradient and is not kept (Loshchilov and Hutter 2019):
@@ -26,17 +27,6 @@ struct ern_ema_args {
 };
 typedef void ern_ema_kernel(ern_real *average, const ern_real *parameters, float decay, size_t n);
 
-/* Whether all values are finite. */
-struct ern_finite_args {
-  ern_span values;
-  size_t n;
-  bool finite; /* out, on the host */
-};
-typedef bool ern_finite_kernel(const ern_real *values, size_t n);
-
-#define ERN_OPTIMIZER_OPERATIONS(OP, X) \
-  OP(X, adamw, SLOT, FAST)              \
-  OP(X, ema, SLOT, FAST)                \
-  OP(X, finite, SLOT, FAST)
+ERN_DECLARE_KERNELS(ERN_OPTIMIZER_OPERATIONS)
 
 #endif

@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: MIT
- * AdamW, the moving average of the weights, and the test for finite values (docs/maths.md, Update). */
+ * AdamW, and the moving average of the weights (docs/maths.md, Update). */
 #include <float.h>
 #include <tgmath.h>
 
-#include "core/kernels.h"
+#include "train/optimizer_ops.h"
 
 #ifdef ERN_DOUBLE
 static const ern_real largest = DBL_MAX, shrink = 0x1p-512;
@@ -35,11 +35,4 @@ void ERN_REF(ern_adamw)(ern_real *parameters, ern_real *second_moment, const ern
 void ERN_REF(ern_ema)(ern_real *average, const ern_real *parameters, float decay, size_t n) {
   const ern_real fresh = (ern_real)(1 - (double)decay);
   for (size_t i = 0; i < n; i++) average[i] += fresh * (parameters[i] - average[i]);
-}
-
-bool ERN_REF(ern_finite)(const ern_real *values, size_t n) {
-  for (size_t i = 0; i < n; i++) {
-    if (!isfinite(values[i])) return false;
-  }
-  return true;
 }

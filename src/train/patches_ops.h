@@ -4,6 +4,7 @@
 #ifndef ERN_PATCHES_OPS_H
 #define ERN_PATCHES_OPS_H
 
+#include "core/operations.h"
 #include "core/types.h"
 
 enum {
@@ -52,8 +53,6 @@ typedef double ern_patch_scale_kernel(ern_real *dx, const ern_real *x, const ern
 double ERN_REF(ern_patch_pyramid)(ern_patch_scale_kernel *kernel, ern_real *dx, const ern_real *x, const ern_real *y,
                                   const ern_real *filters, int side, float weight, ern_real *scratch);
 
-#define ERN_PATCHES_OPERATIONS(OP, X) \
-  OP(X, patch_loss, SLOT, NONE)       \
-  OP(X, patch_scale, NONE, FAST)
+ERN_DECLARE_KERNELS(ERN_PATCHES_OPERATIONS)
 
 #endif

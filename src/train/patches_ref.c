@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * Structural similarity of a patch at several scales, and its gradient (patches_ops.h). The truth's mean is subtracted
  * first: variances, small differences of large numbers, then lose fewer digits. */
-#include "core/kernels.h"
+#include "train/patches_ops.h"
 
 /* out = A in A^T; all [side][side]. at: A transposed. Exchanging a and at makes it out = A^T in A. */
 static void filter(ern_real *out, const ern_real *in, const ern_real *a, const ern_real *at, size_t side,

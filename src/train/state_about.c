@@ -12,6 +12,7 @@
 #include "core/format.h"
 #include "core/memory.h"
 #include "io/number.h"
+#include "train/patches_ops.h"
 
 static const char *const ray_samplings[] = {"uniform", "regions", "dub"};
 

@@ -5,8 +5,13 @@
 #include <string.h>
 
 #include "core/memory.h"
+#include "mlp/encoding_ops.h"
 #include "model/head.h"
+#include "render/composite_ops.h"
+#include "render/march_ops.h"
 #include "render/stages.h"
+#include "train/losses_ops.h"
+#include "train/step_ops.h"
 
 /* Data shared by the forward and backward halves of a step. */
 struct pass {

@@ -5,6 +5,8 @@
 #define ERN_TRAIN_STEP_H
 
 #include "core/backend.h"
+#include "train/patches_ops.h"
+#include "train/step_ops.h"
 
 ern_status ern_head_step_stages(struct ern_stream *stream, struct ern_head_step_args *args);
 /* The same, up to the rounding of sums, with the samples of only `at_once` rays in memory at a time; where that is not

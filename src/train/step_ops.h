@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * A whole training step of the head or of the torso, forward and backward, and the density at points. */
+ * A whole training step of the head or of the torso, forward and backward. */
 #ifndef ERN_STEP_OPS_H
 #define ERN_STEP_OPS_H
 
@@ -12,18 +12,6 @@ struct ern_view;
 struct ern_march_settings;
 struct ern_profile;
 struct ern_fine_loss;
-
-struct ern_head_density_args {
-  ern_span sigma; /* out: real [n] */
-  ern_rows x;     /* [3] per point */
-  ern_span parameters;
-  const struct ern_field *field;
-  ern_span code; /* real [A], the audio code */
-  float eye_value;
-  bool bf16; /* products in bf16, sums in float; only where the backend trains_bf16 and the head is the paper's own */
-  size_t n;
-  size_t at_once; /* points that go through a stage together; 0: as many as suit the cache of a CPU */
-};
 
 /* The rays form patches (patches_ops.h), patch after patch, with a loss term of their own. All zeros: no patches. */
 struct ern_step_patches {
@@ -85,10 +73,5 @@ struct ern_torso_step_args {
   void *user;
   size_t n;
 };
-
-#define ERN_STEP_OPERATIONS(OP, X) \
-  OP(X, head_density, SLOT, NONE)  \
-  OP(X, head_step, SLOT, NONE)     \
-  OP(X, torso_step, SLOT, NONE)
 
 #endif

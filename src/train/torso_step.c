@@ -5,7 +5,11 @@
 
 #include "core/status.h"
 #include "model/torso.h"
+#include "model/torso_ops.h"
+#include "render/march_ops.h"
+#include "train/losses_ops.h"
 #include "train/step.h"
+#include "train/step_ops.h"
 
 ern_status ern_torso_step_stages(struct ern_stream *stream, struct ern_torso_step_args *args) {
   const struct ern_backend *backend = stream->backend;

@@ -12,8 +12,12 @@
 #include "core/floats.h"
 #include "core/memory.h"
 #include "core/sized.h"
+#include "model/torso_ops.h"
+#include "render/picture_ops.h"
 #include "train/divergence.h"
+#include "train/optimizer_ops.h"
 #include "train/step.h"
+#include "train/step_ops.h"
 
 static double seconds_now(void) {
   struct timespec now;

@@ -7,6 +7,8 @@
 #include "core/threads.h"
 #include "ernerf/train.h"
 #include "model/model.h"
+#include "render/march_ops.h"
+#include "train/losses_ops.h"
 
 /* Shares of a head's rays that are drawn in each region, and of its frames that are drawn among those with shut eyes,
  * found by experiment (docs/history-training.md, docs/history-occupancy.md). */

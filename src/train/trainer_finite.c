@@ -4,6 +4,7 @@
 #include <math.h>
 
 #include "core/floats.h"
+#include "render/picture_ops.h"
 #include "train/trainer.h"
 
 static ern_status look(ern_trainer *t, ern_span values, bool *finite) {

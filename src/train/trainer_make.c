@@ -14,6 +14,7 @@
 #include "core/sized.h"
 #include "io/file.h"
 #include "io/speech_description.h"
+#include "model/torso_ops.h"
 #include "render/frame_input.h"
 #include "train/state_about.h"
 

@@ -7,7 +7,9 @@
 #include "core/rng.h"
 #include "core/status.h"
 #include "render/morton.h"
+#include "render/render_ops.h"
 #include "render/stages.h"
+#include "train/step_ops.h"
 #include "train/trainer.h"
 
 static const double prune_from = 0.85; /* of the coarse steps, found by experiment (docs/history-occupancy.md) */

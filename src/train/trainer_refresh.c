@@ -5,6 +5,10 @@
 #include "core/rng.h"
 #include "core/status.h"
 #include "model/torso.h"
+#include "model/torso_ops.h"
+#include "render/occupancy_ops.h"
+#include "render/render_ops.h"
+#include "train/step_ops.h"
 #include "train/trainer.h"
 
 static const float occupancy_decay = 0.95f; /* of a cell's density: a refresh as published, else 16 steps */

@@ -11,6 +11,8 @@
 #include "backend_opencl/opencl.h"
 #include "ernerf/backend.h"
 #include "hashgrid/hashgrid.h"
+#include "mlp/mlp_ops.h"
+#include "train/optimizer_ops.h"
 
 struct bench {
   ern_context *context;

@@ -10,6 +10,10 @@
 #include "core/rng.h"
 #include "ernerf/backend.h"
 #include "model/parameters.h"
+#include "render/march_ops.h"
+#include "render/render_ops.h"
+#include "train/losses_ops.h"
+#include "train/step_ops.h"
 
 enum { RAYS = 300, SIDE = 24, FEATURES = 5, POINTS = 40000 };
 

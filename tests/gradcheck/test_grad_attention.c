@@ -2,8 +2,7 @@
  * Backward of region attention against central differences in double. */
 #define ERN_DOUBLE
 #include "difference.h"
-
-#include "core/kernels.h"
+#include "model/attention_ops.h"
 
 enum { CHANNELS = 7, SAMPLES = 37, STRIDE = 40, ROWS = CHANNELS * STRIDE };
 

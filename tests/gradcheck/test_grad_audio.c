@@ -3,8 +3,7 @@
  * the plainest way, to tell where they have kinks and to hold the forward pass against. */
 #define ERN_DOUBLE
 #include "difference.h"
-
-#include "core/kernels.h"
+#include "mlp/audio_ops.h"
 
 enum { WINDOWS = ERN_AUDIO_WINDOWS, MAX_WIDTH = 40, MAX_LENGTH = 16, CODE = 12, MAX_VALUES = 60000, FRONT = 5 };
 

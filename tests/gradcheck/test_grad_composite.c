@@ -3,8 +3,7 @@
  * unclamped pixels. */
 #define ERN_DOUBLE
 #include "difference.h"
-
-#include "core/kernels.h"
+#include "render/composite_ops.h"
 
 enum { RAYS = 40, MOST = 24, SAMPLES = RAYS * MOST };
 

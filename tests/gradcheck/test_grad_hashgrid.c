@@ -3,7 +3,6 @@
 #define ERN_DOUBLE
 #include "difference.h"
 
-#include "core/kernels.h"
 #include "hashgrid/hashgrid.h"
 
 enum { N = 40, STRIDE = N + 3, MAX_ROWS = 32, MAX_ENTRIES = 4000, MAX_FEATURES = 2 };

@@ -5,8 +5,9 @@
 #define ERN_DOUBLE
 #include "difference.h"
 
-#include "core/kernels.h"
+#include "train/losses_ops.h"
 #include "train/patch_filter.h"
+#include "train/patches_ops.h"
 
 enum { RAYS = 60, STRIDE = 64, STEPS = 16 };
 

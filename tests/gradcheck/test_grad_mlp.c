@@ -5,8 +5,9 @@
 
 #include <float.h>
 
-#include "core/kernels.h"
 #include "core/memory.h"
+#include "mlp/activation_ops.h"
+#include "mlp/encoding_ops.h"
 #include "mlp/mlp_tile.h"
 
 enum { MAX_N = 53, RAYS = 5, MAX_VALUES = 20000, MAX_ROWS = 96, WIDEST = 96 };

@@ -9,10 +9,14 @@
 #include <math.h>
 
 #include "backend_cpu/backend_cpu.h"
-#include "backend_cpu/cpu_kernels.h"
+#include "backend_cpu/cpu_state.h"
 #include "core/rng.h"
 #include "model/parameters.h"
+#include "model/torso_ops.h"
+#include "render/march_ops.h"
+#include "train/losses_ops.h"
 #include "train/step.h"
+#include "train/step_ops.h"
 
 enum { RAYS = 12, SIDE = 16, TORSO_RAYS = 10, PROBES = 24 /* values looked at in a tensor */ };
 

@@ -3,8 +3,7 @@
  */
 #define ERN_DOUBLE
 #include "difference.h"
-
-#include "core/kernels.h"
+#include "model/torso_ops.h"
 
 enum { ANCHORS = 4 * ERN_TORSO_POINTS, KEYS = 2 * ERN_TORSO_POINTS };
 

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * The output activations. */
 #include "harness.h"
+#include "mlp/activation_ops.h"
 
 /* How far two good activations may be apart, in units of 2^-23 relative to the value. Below the normal numbers only an
  * absolute error counts. The colour's subtraction leaves the error of the minuend, 0.001 larger.

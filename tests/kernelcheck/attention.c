@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * Region attention: the forward pass to the bit but for a device's norm, the gradient to rounding. */
 #include "harness.h"
+#include "model/attention_ops.h"
 
 enum { USUAL, EXTREME };
 

@@ -2,8 +2,7 @@
  * The audio networks: the float reference against the double one, a device against the float one; instruction
  * sets give its bits. */
 #include "harness.h"
-
-#include "core/kernels.h"
+#include "mlp/audio_ops.h"
 
 enum { WINDOWS = ERN_AUDIO_WINDOWS, MARGIN = 5 };
 

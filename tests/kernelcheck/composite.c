@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * Volume rendering and its gradient: a device against the reference, the CPU against the definition in double. */
 #include "harness.h"
+#include "render/composite_ops.h"
 
 /* ---- a scene ---- */
 

@@ -1,8 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * Positional encodings: harmonics of directions, sines of positions. */
 #include "harness.h"
-
-#include "core/kernels.h"
+#include "mlp/encoding_ops.h"
 
 /* ---- directions ---- */
 

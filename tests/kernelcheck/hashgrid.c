@@ -5,6 +5,7 @@
 #include "harness.h"
 
 #include "backend_cpu/cpu_kernels.h"
+#include "backend_cpu/cpu_state.h"
 #include "hashgrid/hashgrid.h"
 
 static const struct ern_grid_shape triplane = {2, 14, 1, 64, 512, 1 << 14, true, 1};

@@ -4,6 +4,11 @@
 #include "harness.h"
 
 #include "backend_cpu/cpu_kernels.h"
+#include "backend_cpu/cpu_state.h"
+#include "model/torso_ops.h"
+#include "render/march_ops.h"
+#include "train/losses_ops.h"
+#include "train/step_ops.h"
 
 enum { STEPS = 16, MANY = 70000 /* several rounds of every group */ };
 

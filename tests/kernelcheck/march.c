@@ -4,6 +4,7 @@
 #include "harness.h"
 
 #include "backend_cpu/cpu_kernels.h"
+#include "backend_cpu/cpu_state.h"
 #include "march_scenes.h"
 
 static struct scene scene; /* too large for a stack */

@@ -4,7 +4,9 @@
 #include "harness.h"
 
 #include "backend_cpu/cpu_kernels.h"
+#include "backend_cpu/cpu_state.h"
 
+#include "render/occupancy_ops.h"
 #include "render/render_ops.h"
 
 /* The grid has one size: simulators, for which that is much, look at one of each kind of its contents. */

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
- * AdamW, the moving average and the test for finite values: the same bits where division and root are correctly
- * rounded. */
+ * AdamW and the moving average: the same bits where division and root are correctly rounded. */
 #include "harness.h"
+#include "train/optimizer_ops.h"
 
 enum { MANY = 5000 };
 
@@ -127,42 +127,6 @@ static void test_ema(void **state) {
   }
 }
 
-/* One value that is not finite anywhere among finite ones, the largest of them too; what lies behind does not count. */
-static void check_finite(size_t n) {
-  static const float bad[] = {NAN, INFINITY, -INFINITY};
-  float *values = floats(n);
-  for (size_t i = 0; i < n; i++) {
-    values[i] = i % 5 == 0 ? FLT_MAX : i % 5 == 1 ? -FLT_MAX : i % 5 == 2 ? 1e-45f : value_of(6, i);
-    if (!isfinite(values[i])) values[i] = 0;
-  }
-  const struct many span = many_reals(values, n); /* a NaN before and behind it */
-  EACH_MACHINE (k) {
-    struct ern_finite_args args = {.values = span.on[k], .n = n};
-    RUN_ON(k, finite, &args);
-    assert_true(args.finite);
-    for (size_t i = 0; i<n; i += n> 300 ? 37 : 1) {
-      const ern_span one = ern_span_part(span.on[k], i, 1);
-      machines_fill(k, one, &bad[i % 3], ERN_ELEMENT_REAL);
-      args.n = n;
-      RUN_ON(k, finite, &args);
-      if (args.finite) fail_msg("%s: %g at %zu of %zu is called finite", machines.name[k], (double)bad[i % 3], i, n);
-      args.n = i;
-      RUN_ON(k, finite, &args);
-      assert_true(args.finite);
-      machines_fill(k, one, &values[i], ERN_ELEMENT_REAL);
-      machines.checks += k > 0;
-    }
-  }
-  machines_clear();
-}
-
-static void test_finite(void **state) {
-  (void)state;
-  for (size_t s = 0; s < size_count(); s++) check_finite(test_sizes[s]);
-  if (!is_small()) check_finite(MANY);
-  check_finite(0);
-}
-
 /* The parameters of a head. */
 static void bench(void) {
   enum { N = 655360 };
@@ -172,22 +136,21 @@ static void bench(void) {
                     none = many_zeros(N), tiny = many_reals(low, N);
   struct ern_adamw_args adamw[MACHINES], denormal[MACHINES];
   struct ern_ema_args ema[MACHINES];
-  struct ern_finite_args finite[MACHINES];
   EACH_MACHINE (k) {
     adamw[k] = (struct ern_adamw_args){p.on[k], v.on[k], g.on[k], 1e-3f, 0, 0.99f, 1e-8f, 100, N};
     denormal[k] = (struct ern_adamw_args){p.on[k], tiny.on[k], none.on[k], 1e-3f, 0, 1, 1e-8f, 100, N};
     ema[k] = (struct ern_ema_args){v.on[k], g.on[k], 0.95f, N};
-    finite[k] = (struct ern_finite_args){.values = g.on[k], .n = N};
   }
   BENCH("adamw", N, adamw, adamw);
   BENCH("adamw of denormal moments", N, adamw, denormal);
   BENCH("ema", N, ema, ema);
-  BENCH("finite", N, finite, finite);
   machines_clear();
 }
 
 static const struct CMUnitTest tests[] = {
-    cmocka_unit_test(test_adamw), cmocka_unit_test(test_steps),  cmocka_unit_test(test_denormal),
-    cmocka_unit_test(test_ema),   cmocka_unit_test(test_finite),
+    cmocka_unit_test(test_adamw),
+    cmocka_unit_test(test_steps),
+    cmocka_unit_test(test_denormal),
+    cmocka_unit_test(test_ema),
 };
 NOUN(optimizer, bench, .isa = NULL)

@@ -3,6 +3,7 @@
 #include "harness.h"
 
 #include "train/patch_filter.h"
+#include "train/patches_ops.h"
 
 enum { SCALES = ERN_PATCH_SCALES };
 

@@ -1,8 +1,10 @@
 /* SPDX-License-Identifier: MIT
- * Between bytes and rows, and pictures of another size: the reference against the definition, all machines the same
- * numbers and bytes. Every pixel is one of its own, so that a tolerance has nothing to allow for but division that is
- * not correctly rounded. */
+ * Between bytes and rows, pictures of another size, and the test for finite values: the reference against the
+ * definition, all machines the same numbers and bytes. Every pixel is one of its own, so that a tolerance has nothing
+ * to allow for but division that is not correctly rounded. */
 #include "harness.h"
+#include "render/picture_ops.h"
+#include "render/upsample_ops.h"
 
 enum { EVERY_PAIR = 65536, SOME_PAIRS = 4096 };
 
@@ -306,6 +308,41 @@ static void test_some_pixels(void **state) {
     for (size_t step = 1; step < 3; step++) check_some_pixels(test_sizes[s], step);
 }
 
+/* One value that is not finite anywhere among finite ones, the largest of them too; what lies behind does not count. */
+static void check_finite(size_t n) {
+  static const float bad[] = {NAN, INFINITY, -INFINITY};
+  float *values = floats(n);
+  for (size_t i = 0; i < n; i++) {
+    values[i] = i % 5 == 0 ? FLT_MAX : i % 5 == 1 ? -FLT_MAX : i % 5 == 2 ? 1e-45f : random_at(6, i, 1);
+  }
+  const struct many span = many_reals(values, n); /* a NaN before and behind it */
+  EACH_MACHINE (k) {
+    struct ern_finite_args args = {.values = span.on[k], .n = n};
+    RUN_ON(k, finite, &args);
+    assert_true(args.finite);
+    for (size_t i = 0; i<n; i += n> 300 ? 37 : 1) {
+      const ern_span one = ern_span_part(span.on[k], i, 1);
+      machines_fill(k, one, &bad[i % 3], ERN_ELEMENT_REAL);
+      args.n = n;
+      RUN_ON(k, finite, &args);
+      if (args.finite) fail_msg("%s: %g at %zu of %zu is called finite", machines.name[k], (double)bad[i % 3], i, n);
+      args.n = i;
+      RUN_ON(k, finite, &args);
+      assert_true(args.finite);
+      machines_fill(k, one, &values[i], ERN_ELEMENT_REAL);
+      machines.checks += k > 0;
+    }
+  }
+  machines_clear();
+}
+
+static void test_finite(void **state) {
+  (void)state;
+  for (size_t s = 0; s < size_count(); s++) check_finite(test_sizes[s]);
+  if (!is_small()) check_finite(SOME_PAIRS);
+  check_finite(0);
+}
+
 static void bench(void) {
   enum { N = 450 * 450 };
   uint8_t *bytes = held_memory(4 * N, 1);
@@ -315,17 +352,21 @@ static void bench(void) {
   const struct many_rows pixel = many_strided(NULL, 3, N, ERN_PER_RAY);
   struct ern_background_args plain[MACHINES], torso[MACHINES];
   struct ern_picture_args picture[MACHINES];
+  struct ern_finite_args finite[MACHINES];
   EACH_MACHINE (k) {
     plain[k] = (struct ern_background_args){pixel.on[k], opacity.on[k], back.on[k], {0}, N};
     torso[k] = (struct ern_background_args){pixel.on[k], opacity.on[k], back.on[k], front.on[k], N};
     picture[k] = (struct ern_picture_args){.rgba = rgba.on[k], .pixel = pixel.on[k], .n = N};
+    finite[k] = (struct ern_finite_args){.values = opacity.on[k], .n = N};
   }
   BENCH("background", N, background, plain);
   BENCH("background with torso", N, background, torso);
   BENCH("picture", N, picture, picture);
+  BENCH("finite", N, finite, finite);
   machines_clear();
 }
 
 static const struct CMUnitTest tests[] = {cmocka_unit_test(test_background), cmocka_unit_test(test_picture),
-                                          cmocka_unit_test(test_upsample), cmocka_unit_test(test_some_pixels)};
+                                          cmocka_unit_test(test_upsample), cmocka_unit_test(test_some_pixels),
+                                          cmocka_unit_test(test_finite)};
 NOUN(picture, bench, .isa = NULL)

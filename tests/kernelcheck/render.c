@@ -3,11 +3,13 @@
 #include "harness.h"
 
 #include "backend_cpu/cpu_kernels.h"
+#include "backend_cpu/cpu_state.h"
 #include "bf16_kernels.h"
 
 #include "core/profile.h"
 #include "model/parameters.h"
 #include "render/morton.h"
+#include "render/render_ops.h"
 
 enum { OUTPUTS = 10 /* pixel 3, colour 3, opacity, depth, attention, eye */ };
 static const char *const output_name[OUTPUTS] = {"red",         "green",   "blue",  "sum of red", "sum of green",

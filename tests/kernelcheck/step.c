@@ -10,8 +10,12 @@
 #include "core/profile.h"
 #include "ernerf/train.h"
 #include "model/parameters.h"
+#include "render/march_ops.h"
+#include "render/render_ops.h"
+#include "train/losses_ops.h"
 #include "train/patch_filter.h"
 #include "train/step.h"
+#include "train/step_ops.h"
 
 static const double FACTOR = 6, FLOOR = 3e-6;
 /* The softmax of AudioAttNet hands on differences of numbers that agree in their first digits. */

@@ -3,6 +3,8 @@
 #include "harness.h"
 
 #include "model/parameters.h"
+#include "model/torso_ops.h"
+#include "render/render_ops.h"
 #include "render/stages.h"
 
 enum { PLANES = 4 /* red, green, blue, opacity */, SLACK = 21 /* of a plane, behind its pixels */ };

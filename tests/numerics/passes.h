@@ -6,6 +6,7 @@
 
 #include "machines.h"
 #include "model/parameters.h"
+#include "render/march_ops.h"
 #include "render/morton.h"
 #include "render/stages.h"
 

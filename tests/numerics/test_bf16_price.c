@@ -6,7 +6,7 @@
  */
 #include <math.h>
 
-#include "backend_cpu/cpu_kernels.h"
+#include "backend_cpu/cpu_state.h"
 #include "core/cpu.h"
 #include "ernerf/ernerf.h"
 #include "ernerf/media.h"

@@ -3,7 +3,9 @@
  * waves; attention by one weight, or none (docs/numerics.md). */
 #include "machines.h"
 #include "model/parameters.h"
+#include "render/render_ops.h"
 #include "render/stages.h"
+#include "train/step_ops.h"
 
 struct kind {
   const char *name;

@@ -4,6 +4,7 @@
 #include "ernerf/render.h"
 #include "machines.h"
 #include "model/model.h"
+#include "model/torso_ops.h"
 #include "render/morton.h"
 
 enum { SIDE = 16, PIXELS = SIDE * SIDE, WIDTH = 5, LENGTH = 16, WINDOWS = 8 * LENGTH * WIDTH };

@@ -1,6 +1,8 @@
 /* SPDX-License-Identifier: MIT
  * Activations and layers at the ends of their range (docs/numerics.md). */
 #include "machines.h"
+#include "mlp/activation_ops.h"
+#include "mlp/mlp_ops.h"
 
 /* ---- activations ---- */
 

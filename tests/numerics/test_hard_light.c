@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * Compositing at its ends: no light left, all of it left, and gradients through both (docs/numerics.md). */
 #include "machines.h"
+#include "render/composite_ops.h"
 
 enum { MOST = 4096 };
 static const float stop = 1e-4f;

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * The losses at their ends, and sums over very many rays (docs/numerics.md). Values against double, gradients too. */
 #include "machines.h"
+#include "train/losses_ops.h"
 
 enum { MOST = 65536 };
 

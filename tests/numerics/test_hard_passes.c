@@ -2,6 +2,7 @@
  * The fused pass of rendering, from pixel numbers to pixels, with networks and tables at their ends; held against the
  * stages in double (docs/numerics.md). */
 #include "passes.h"
+#include "render/render_ops.h"
 
 /* ---- a picture ---- */
 

@@ -3,6 +3,9 @@
  */
 #include "ernerf/render.h"
 #include "machines.h"
+#include "render/march_ops.h"
+#include "render/picture_ops.h"
+#include "render/upsample_ops.h"
 
 static ern_rows rows_on(struct many span, int k, int rows, size_t n) {
   return (ern_rows){span.on[k], n, rows, ERN_PER_RAY};

@@ -4,6 +4,7 @@
 #include "core/backend.h"
 #include "machines.h"
 #include "model/pose_regression.h"
+#include "train/step_ops.h"
 #include "train/trainer.h"
 
 enum { SAMPLES = 200 };

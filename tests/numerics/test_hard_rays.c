@@ -2,6 +2,7 @@
  * Rays that geometry has no good answer for: along axes and borders, in faces and corners, from inside, from nowhere
  * (docs/numerics.md). Marching is in float everywhere, and everywhere the same to the bit. */
 #include "machines.h"
+#include "render/march_ops.h"
 #include "render/morton.h"
 
 enum { MOST_RAYS = 128 };

@@ -2,7 +2,10 @@
  * Speech that is silent, deafening or broken, region attention at its ends, and encodings of what is no direction and
  * no place (docs/numerics.md). */
 #include "machines.h"
+#include "mlp/encoding_ops.h"
+#include "model/attention_ops.h"
 #include "model/parameters.h"
+#include "render/occupancy_ops.h"
 
 enum { WIDTH = 5, LENGTH = 16, WINDOWS = 8 * LENGTH * WIDTH, CODE = 32 };
 

@@ -2,7 +2,10 @@
  * The fused training step of the head, and its densities alone, with networks and tables at their ends: held against
  * the stages in double (docs/numerics.md). */
 #include "passes.h"
+#include "render/render_ops.h"
+#include "train/losses_ops.h"
 #include "train/step.h"
+#include "train/step_ops.h"
 
 /* ---- a step ---- */
 

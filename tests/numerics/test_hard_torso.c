@@ -2,6 +2,7 @@
  * The torso: key points that have no projection, poses that are no rotations, pixels and deformations at their ends
  * (docs/numerics.md). */
 #include "machines.h"
+#include "model/torso_ops.h"
 
 static const float usual_pose[16] = {1, 0, 0, 0.1f, 0, 1, 0, -0.2f, 0, 0, 1, 3, 0, 0, 0, 1};
 static const float usual_anchors[12] = {0.01f, 0.01f, 0.1f, 1, -0.1f, -0.1f, 0.1f, 1, 0.1f, -0.1f, 0.1f, 1};

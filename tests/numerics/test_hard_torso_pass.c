@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * The fused pass of the torso over a whole picture, with networks, tables, key points and occupancy at their ends: held
  * against the stages in double (docs/numerics.md). */
+#include "model/torso_ops.h"
 #include "passes.h"
 
 struct painted {

@@ -1,6 +1,8 @@
 /* SPDX-License-Identifier: MIT
  * AdamW, the moving average and the test for finite values at their ends (docs/numerics.md). */
 #include "machines.h"
+#include "render/picture_ops.h"
+#include "train/optimizer_ops.h"
 
 static const float rate = 0.01f, decay = 0.01f, beta2 = 0.99f, eps = 1e-8f;
 

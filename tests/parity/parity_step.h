@@ -3,7 +3,9 @@
 #ifndef ERN_TESTS_PARITY_STEP_H
 #define ERN_TESTS_PARITY_STEP_H
 
+#include "model/torso_ops.h"
 #include "parity/parity.h"
+#include "render/march_ops.h"
 #include "train/step.h"
 
 struct parity_step {

@@ -5,11 +5,13 @@
 
 #include <math.h>
 
-#include "core/kernels.h"
 #include "core/memory.h"
 #include "hashgrid/hashgrid.h"
 #include "io/npy.h"
 #include "io/safetensors.h"
+#include "mlp/activation_ops.h"
+#include "mlp/audio_ops.h"
+#include "mlp/encoding_ops.h"
 #include "mlp/mlp_tile.h"
 
 enum { POINTS = 512, LEVELS = 12, ROWS = 3 * LEVELS, CODE = 32, WIDTH = 29, LENGTH = 16 };

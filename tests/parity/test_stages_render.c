@@ -6,13 +6,18 @@
 #include <jansson.h>
 #include <math.h>
 
-#include "core/kernels.h"
 #include "core/memory.h"
 #include "ernerf/data.h"
 #include "hashgrid/hashgrid.h"
 #include "io/npy.h"
 #include "io/safetensors.h"
+#include "mlp/activation_ops.h"
+#include "mlp/encoding_ops.h"
 #include "mlp/mlp_tile.h"
+#include "model/attention_ops.h"
+#include "model/torso_ops.h"
+#include "render/march_ops.h"
+#include "render/occupancy_ops.h"
 
 enum {
   SIDE = 128,

@@ -4,6 +4,9 @@
 
 #include "core/cpu.h"
 #include "parity/parity_step.h"
+#include "train/losses_ops.h"
+#include "train/optimizer_ops.h"
+#include "train/step_ops.h"
 
 static const struct ern_march_settings settings = {.bound = 1, .max_steps = 16, .dt_gamma = 1.0f / 256, .near = 0.05f};
 

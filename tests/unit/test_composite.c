@@ -6,8 +6,8 @@
 #include <float.h>
 #include <tgmath.h>
 
-#include "core/kernels.h"
 #include "core/rng.h"
+#include "render/composite_ops.h"
 
 enum { RAYS = 64, SAMPLES = 4096, STRIDE = SAMPLES + 5, RAY_STRIDE = RAYS + 3 };
 

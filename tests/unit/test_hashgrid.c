@@ -4,7 +4,6 @@
 
 #include <math.h>
 
-#include "core/kernels.h"
 #include "hashgrid/hashgrid.h"
 
 static const struct ern_grid_shape triplane = {2, 14, 1, 64, 512, 1 << 14, true, 1};

@@ -5,8 +5,8 @@
 #include <float.h>
 #include <math.h>
 
-#include "core/kernels.h"
 #include "core/rng.h"
+#include "train/losses_ops.h"
 
 enum { MOST = 65536, STEPS = 16 };
 

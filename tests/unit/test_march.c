@@ -5,8 +5,8 @@
 
 #include <math.h>
 
-#include "core/kernels.h"
 #include "core/rng.h"
+#include "render/march_ops.h"
 #include "render/morton.h"
 
 /* The double build of the same kernel. */

@@ -4,9 +4,10 @@
 
 #include <math.h>
 
-#include "core/kernels.h"
 #include "core/rng.h"
+#include "render/march_ops.h"
 #include "render/morton.h"
+#include "render/occupancy_ops.h"
 
 enum { SIDE = ERN_OCCUPANCY_SIDE, CELLS = ERN_OCCUPANCY_CELLS };
 

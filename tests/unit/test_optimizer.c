@@ -5,8 +5,9 @@
 #include <float.h>
 #include <math.h>
 
-#include "core/kernels.h"
 #include "core/rng.h"
+#include "render/picture_ops.h"
+#include "train/optimizer_ops.h"
 
 /* The double build of the same kernel. */
 void ern_adamw_ref64(double *parameters, double *second_moment, const double *gradient, float rate, float decay,

@@ -4,6 +4,7 @@
  * same bytes there, after a resume too. */
 #include "../made_clip.h"
 
+#include "render/occupancy_ops.h"
 #include "train/trainer.h"
 
 enum { SPARSER = 512, STEPS = 2 };

@@ -4,8 +4,8 @@
 
 #include <math.h>
 
-#include "core/kernels.h"
 #include "core/rng.h"
+#include "model/torso_ops.h"
 
 enum { SIDE = ERN_TORSO_SIDE, CELLS = ERN_TORSO_CELLS };
 

@@ -4,8 +4,10 @@
 #include <math.h>
 #include <string.h>
 
+#include "backend_cpu/cpu_kernels.h"
 #include "core/memory.h"
 #include "core/status.h"
+#include "render/render_ops.h"
 #include "render/stages.h"
 #include "render/tile_culling_ops.h"
 

@@ -3,9 +3,11 @@
 #ifndef ERN_RENDER_WORKER_H
 #define ERN_RENDER_WORKER_H
 
-#include "backend_cpu/cpu_kernels.h"
+#include "backend_cpu/cpu_state.h"
 #include "backend_cpu/fused/frame_net.h"
 #include "core/profile.h"
+#include "mlp/encoding_ops.h"
+#include "render/march_ops.h"
 
 /* Shared by all threads. A ray's number is its index in pixel_number; outputs are indexed by ray. */
 struct ern_render_work {

@@ -8,7 +8,11 @@
 
 #include "backend_cpu/fused/step_pass.h"
 #include "core/memory.h"
+#include "render/composite_ops.h"
+#include "render/render_ops.h"
+#include "train/losses_ops.h"
 #include "train/step.h"
+#include "train/step_ops.h"
 
 /* By ray. */
 struct rays {

@@ -6,7 +6,9 @@
 #include "backend_cpu/fused/pack.h"
 #include "backend_cpu/slots.h"
 #include "core/status.h"
+#include "mlp/encoding_ops.h"
 #include "model/field.h"
+#include "model/torso_ops.h"
 #include "render/stages.h"
 
 static const int last_cell = ERN_TORSO_SIDE - 1;

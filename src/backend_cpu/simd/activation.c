@@ -2,7 +2,7 @@
  * The output activations for any instruction set (simd/isa.h). A value does not depend on its lane. */
 #include "backend_cpu/simd/isa.h"
 #include "backend_cpu/simd/lanes_math.h"
-#include "core/kernels.h"
+#include "mlp/activation_ops.h"
 
 void ERN_ISA(ern_activate_fwd)(float *y, const float *x, ern_activation kind, size_t n) {
   for (size_t i = 0; i < n; i += LANES) {

@@ -4,7 +4,7 @@
 #include "backend_cpu/simd/isa.h"
 #include "backend_cpu/simd/lanes_double.h"
 #include "backend_cpu/simd/lanes_math.h"
-#include "core/kernels.h"
+#include "model/attention_ops.h"
 
 /* y = factor x, or y += */
 LANES_INLINE void scaled(float *y, const float *x, float factor, bool accumulate, size_t n) {

@@ -9,7 +9,7 @@
 
 #include "backend_cpu/simd/isa.h"
 #include "backend_cpu/simd/lanes.h"
-#include "core/kernels.h"
+#include "mlp/audio_ops.h"
 
 enum {
   WINDOWS = ERN_AUDIO_WINDOWS,

@@ -7,7 +7,7 @@
  * idle. */
 #include "backend_cpu/simd/isa.h"
 #include "backend_cpu/simd/lanes_math.h"
-#include "core/kernels.h"
+#include "render/composite_ops.h"
 
 /* The size of a group of rays; no marched ray has more samples. */
 enum { COMPOSITE_SAMPLES = ERN_MAX_STEPS, COMPOSITE_RAYS = 512 };

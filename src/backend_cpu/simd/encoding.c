@@ -2,7 +2,7 @@
  * The positional encodings for any instruction set (simd/isa.h). */
 #include "backend_cpu/simd/isa.h"
 #include "backend_cpu/simd/lanes_math.h"
-#include "core/kernels.h"
+#include "mlp/encoding_ops.h"
 
 /* ---- spherical harmonics: the reference's polynomials ---- */
 

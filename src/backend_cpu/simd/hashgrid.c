@@ -5,7 +5,7 @@
  * so on every instruction set the results are bit-identical to the reference's. */
 #include "backend_cpu/simd/isa.h"
 #include "backend_cpu/simd/lanes.h"
-#include "core/kernels.h"
+#include "hashgrid/hashgrid_ops.h"
 
 /* Samples whose coordinates are prepared together for all levels. A level's table stays in the cache while its block is
  * processed. */

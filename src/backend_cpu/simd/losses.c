@@ -5,7 +5,7 @@
 #include "backend_cpu/simd/lanes_double.h"
 #include "backend_cpu/simd/lanes_math.h"
 #include "backend_cpu/simd/lanes_random.h"
-#include "core/kernels.h"
+#include "train/losses_ops.h"
 
 /* Lanes from `count` on are 0. */
 LANES_INLINE vf first_of(vf value, size_t count) {

@@ -6,7 +6,7 @@
  * or so far away that t + dt = t). */
 #include "backend_cpu/simd/isa.h"
 #include "backend_cpu/simd/lanes.h"
-#include "core/kernels.h"
+#include "render/march_ops.h"
 
 enum { AXES = 3 };
 

@@ -7,7 +7,7 @@
  *             dW [outs][ins]    += dy  [outs][samples] x^T [samples][ins] */
 #include "backend_cpu/simd/isa.h"
 #include "backend_cpu/simd/lanes.h"
-#include "core/kernels.h"
+#include "mlp/mlp_ops.h"
 #include "mlp/mlp_tile.h"
 
 /* A block of ROWS x VECTORS sums lives in registers: 8 x 3 of 32, or 4 x 3 of 16, with three for B and one for A. */

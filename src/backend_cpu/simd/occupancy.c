@@ -5,7 +5,7 @@
 #include "backend_cpu/simd/lanes_block.h"
 #include "backend_cpu/simd/lanes_double.h"
 #include "backend_cpu/simd/lanes_random.h"
-#include "core/kernels.h"
+#include "render/occupancy_ops.h"
 
 /* ---- points ---- */
 

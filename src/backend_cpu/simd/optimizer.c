@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: MIT
- * AdamW, the moving average and the test for finite values for any instruction set (simd/isa.h). Products are rounded
+ * AdamW and the moving average for any instruction set (simd/isa.h). Products are rounded
  * separately, so that the results are bit-identical to the reference's; memory bandwidth is the limit anyway. */
 #include <float.h>
 #include <math.h>
 
 #include "backend_cpu/simd/isa.h"
 #include "backend_cpu/simd/lanes_double.h"
-#include "core/kernels.h"
+#include "train/optimizer_ops.h"
 
 struct adamw_scales {
   vf keep, fresh, unbias, rate, beta2, eps;
@@ -89,20 +89,4 @@ void ERN_ISA(ern_ema)(float *average, const float *parameters, float decay, size
   size_t i = 0;
   for (; i + LANES <= n; i += LANES) ema_some(average + i, parameters + i, fresh, LANES);
   if (i < n) ema_some(average + i, parameters + i, fresh, n - i);
-}
-
-bool ERN_ISA(ern_finite)(const float *values, size_t n) {
-  enum { ABREAST = 8, TURN = ABREAST * LANES };
-  const int32_t exponent = 0x7f800000;
-  size_t i = 0;
-  for (; i + TURN <= n; i += TURN) {
-    vi odd = {0};
-    for (size_t k = 0; k < ABREAST; k++) odd |= ((vi)vf_load(values + i + k * LANES) & exponent) == exponent;
-    if (vi_any(odd)) return false;
-  }
-  for (; i < n; i += LANES) {
-    const vi bits = (vi)vf_load_partial(values + i, n - i < LANES ? n - i : LANES);
-    if (vi_any((bits & exponent) == exponent)) return false;
-  }
-  return true;
 }

@@ -3,7 +3,7 @@
  * of LANES; a line of a small scale may be shorter than a register. */
 #include "backend_cpu/simd/isa.h"
 #include "backend_cpu/simd/lanes_double.h"
-#include "core/kernels.h"
+#include "train/patches_ops.h"
 
 enum { ROWS = 4 /* of a block; sides are multiples of it */ };
 

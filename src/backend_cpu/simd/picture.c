@@ -3,7 +3,7 @@
  * little-endian machine, as all with these instruction sets are. */
 #include "backend_cpu/simd/isa.h"
 #include "backend_cpu/simd/lanes.h"
-#include "core/kernels.h"
+#include "render/picture_ops.h"
 
 /* Bytes of a pixel, r in the lowest. */
 LANES_INLINE vu pixels_of_3(const uint8_t *from, size_t count) {
@@ -85,4 +85,20 @@ LANES_INLINE void picture_some(const struct ern_picture_view *v, size_t i, size_
 
 void ERN_ISA(ern_picture)(const struct ern_picture_view *view, size_t n) {
   for (size_t i = 0; i < n; i += LANES) picture_some(view, i, n - i < LANES ? n - i : LANES);
+}
+
+bool ERN_ISA(ern_finite)(const float *values, size_t n) {
+  enum { ABREAST = 8, TURN = ABREAST * LANES };
+  const int32_t exponent = 0x7f800000;
+  size_t i = 0;
+  for (; i + TURN <= n; i += TURN) {
+    vi odd = {0};
+    for (size_t k = 0; k < ABREAST; k++) odd |= ((vi)vf_load(values + i + k * LANES) & exponent) == exponent;
+    if (vi_any(odd)) return false;
+  }
+  for (; i < n; i += LANES) {
+    const vi bits = (vi)vf_load_partial(values + i, n - i < LANES ? n - i : LANES);
+    if (vi_any((bits & exponent) == exponent)) return false;
+  }
+  return true;
 }

@@ -5,6 +5,8 @@
 
 #include "backend_opencl/device/backend.h"
 #include "model/field.h"
+#include "model/torso_ops.h"
+#include "render/render_ops.h"
 
 struct ern_cl_workloads {
   struct ern_cl_backend *backend;

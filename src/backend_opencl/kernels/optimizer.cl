@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * AdamW, the moving average of the weights, and the test for finite values (docs/maths.md, Update). */
+ * AdamW, and the moving average of the weights (docs/maths.md, Update). */
 
 /* Each product and sum is rounded, as in the reference. */
 #pragma OPENCL FP_CONTRACT OFF
@@ -33,27 +33,4 @@ kernel void ema(SPAN(float, average), SPAN(const float, parameters), float fresh
   const ulong i = get_global_id(0);
   if (i >= n) return;
   average[i] += fresh * (parameters[i] - average[i]);
-}
-
-#define GROUP 64              /* values that a group tests at a time; ERN_CL_SUM_GROUP */
-#define ITEMS (GROUP / WIDTH) /* work-items of a group */
-
-/* found: [groups], whether one of a group's values, (n + groups - 1)/groups consecutive ones, is not finite */
-kernel __attribute__((reqd_work_group_size(ITEMS, 1, 1))) void finite(SPAN(int, found), SPAN(const float, values),
-                                                                      ulong n) {
-  OPEN(int, found);
-  OPEN(const float, values);
-  local uint any[GROUP];
-  const ulong part = (n + get_num_groups(0) - 1) / get_num_groups(0);
-  const ulong begin = min(get_group_id(0) * part, n), end = min(begin + part, n);
-  const uint item = get_local_id(0);
-  uintw own = 0; /* the largest exponent */
-  for (ulong i = begin + item * WIDTH; i < end; i += GROUP)
-    own = max(own, JOINW(as_uint)(loadw_first(values + i, end - i)) & 0x7f800000u);
-  STOREW(own, any + item * WIDTH);
-  barrier(CLK_LOCAL_MEM_FENCE);
-  if (item != 0) return;
-  uint most = 0;
-  for (uint k = 0; k < GROUP; k++) most = max(most, any[k]);
-  found[get_group_id(0)] = most == 0x7f800000u;
 }

@@ -152,3 +152,28 @@ kernel void overlay(ROWS(float, pixel), ROWS(const float, colour), SPAN(const fl
     storew_first(pixel + c * pixel_stride + i, WHERE(value < 0, 0, WHERE(value > 1, 1, value)), count);
   }
 }
+
+/* ---- finite values ---- */
+
+#define GROUP 64              /* values that a group tests at a time; ERN_CL_SUM_GROUP */
+#define ITEMS (GROUP / WIDTH) /* work-items of a group */
+
+/* found: [groups], whether one of a group's values, (n + groups - 1)/groups consecutive ones, is not finite */
+kernel __attribute__((reqd_work_group_size(ITEMS, 1, 1))) void finite(SPAN(int, found), SPAN(const float, values),
+                                                                      ulong n) {
+  OPEN(int, found);
+  OPEN(const float, values);
+  local uint any[GROUP];
+  const ulong part = (n + get_num_groups(0) - 1) / get_num_groups(0);
+  const ulong begin = min(get_group_id(0) * part, n), end = min(begin + part, n);
+  const uint item = get_local_id(0);
+  uintw own = 0; /* the largest exponent */
+  for (ulong i = begin + item * WIDTH; i < end; i += GROUP)
+    own = max(own, JOINW(as_uint)(loadw_first(values + i, end - i)) & 0x7f800000u);
+  STOREW(own, any + item * WIDTH);
+  barrier(CLK_LOCAL_MEM_FENCE);
+  if (item != 0) return;
+  uint most = 0;
+  for (uint k = 0; k < GROUP; k++) most = max(most, any[k]);
+  found[get_group_id(0)] = most == 0x7f800000u;
+}

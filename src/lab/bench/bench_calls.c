@@ -3,7 +3,9 @@
  * other than sums of products follow the equations in docs/maths.md: exact for compute-bound kernels, approximate for
  * memory-bound ones. */
 #include "lab/bench/bench_shared.h"
+#include "mlp/activation_ops.h"
 #include "model/field.h"
+#include "model/torso_ops.h"
 
 enum { INT_BYTES = 4, SMALL = 64 /* calls on fewer items are set-up and are not measured */ };
 

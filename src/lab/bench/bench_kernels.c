@@ -8,6 +8,7 @@
 #include "core/memory.h"
 #include "core/status.h"
 #include "lab/bench/bench_shared.h"
+#include "train/optimizer_ops.h"
 #include "train/trainer.h"
 
 enum {

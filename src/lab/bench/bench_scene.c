@@ -11,6 +11,7 @@
 #include "core/status.h"
 #include "lab/bench/bench_shared.h"
 #include "model/head.h"
+#include "model/torso_ops.h"
 #include "render/frame_input.h"
 #include "render/morton.h"
 #include "render/stages.h"

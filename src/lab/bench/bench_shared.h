@@ -5,7 +5,24 @@
 
 #include "core/backend.h"
 #include "ernerf-lab/bench.h"
+#include "hashgrid/hashgrid_ops.h"
+#include "mlp/activation_ops.h"
+#include "mlp/audio_ops.h"
+#include "mlp/encoding_ops.h"
+#include "mlp/mlp_ops.h"
+#include "model/attention_ops.h"
 #include "model/model.h"
+#include "model/torso_ops.h"
+#include "render/composite_ops.h"
+#include "render/march_ops.h"
+#include "render/occupancy_ops.h"
+#include "render/picture_ops.h"
+#include "render/render_ops.h"
+#include "render/upsample_ops.h"
+#include "train/losses_ops.h"
+#include "train/optimizer_ops.h"
+#include "train/patches_ops.h"
+#include "train/step_ops.h"
 
 /* ---- timing in turns (bench_turns.c) ----------------------------------------------------------------------------- */
 

@@ -5,7 +5,7 @@
 
 #include <string.h>
 
-#include "backend_cpu/cpu_kernels.h"
+#include "backend_cpu/cpu_state.h"
 #include "backend_opencl/device/peak.h"
 #include "core/memory.h"
 #include "core/profile.h"

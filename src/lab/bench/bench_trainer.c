@@ -5,6 +5,7 @@
 #include "core/memory.h"
 #include "core/status.h"
 #include "lab/bench/bench_shared.h"
+#include "model/torso_ops.h"
 #include "train/trainer.h"
 
 /* Matrix of a transforms file from a pose; the inverse of ern_camera_pose, exact for a scale of 4. */
