@@ -22,6 +22,7 @@
 #include "ernerf/data.h"
 #include "ernerf/model.h"
 #include "ernerf/render.h"
+#include "ernerf/setting.h"
 #include "ernerf/train.h"
 
 #endif

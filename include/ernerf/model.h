@@ -82,7 +82,7 @@ typedef struct ern_model_info {
   bool has_codes; /* each training frame has an individual code: learnt numbers for what its pose, speech and eye value
                      do not determine (ERN_INDIVIDUAL_MEAN) */
   bool has_gamma; /* gamma was trained, the factor of the three projected points that tell the torso the pose of the
-                     head (train --torso-gamma; docs/maths.md); false: it is 1 */
+                     head (ern_train_config.torso_gamma; docs/maths.md); false: it is 1 */
   ern_backbone backbone;           /* its kind of encoder */
   ern_attention attention;         /* how speech reaches a position */
   ern_eye_attention eye_attention; /* meaningful with has_eye */

@@ -9,6 +9,7 @@
 #include "ernerf/data.h"
 #include "ernerf/model.h"
 #include "ernerf/render.h"
+#include "ernerf/setting.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -255,6 +256,10 @@ typedef struct ern_train_config {
                                   background, as published */
 } ern_train_config;
 
+/* Description number `index` of the members of ern_train_config after `size`, in their order; NULL past the last. Any
+ * thread. */
+ERN_API const ern_setting *ern_train_setting(size_t index);
+
 /* The defaults. */
 ERN_API void ern_train_config_fill(ern_train_config *config, size_t bytes);
 static inline ern_train_config ern_train_config_default(void) {
@@ -271,7 +276,7 @@ typedef struct ern_train_state {
   bool torso;                        /* true: a torso was trained; false: a head */
   uint64_t step, seed;               /* steps done; ern_train_config.seed */
   int rays;                          /* ern_train_config.rays */
-  bool has_settings;                 /* true: the state has the settings below; false: all members below are 0 */
+  bool has_settings;                 /* true: the state has the settings below; false: they are the defaults */
   uint64_t iters;                    /* as of ern_train_config, like the next three lines */
   float lr, lr_net, lr_att;          /* learning rates */
   uint64_t refresh_every, ema_every; /* intervals in steps */
@@ -285,16 +290,18 @@ typedef struct ern_train_state {
   double seconds;                    /* of training, all runs together */
   bool refine_poses;                 /* ern_train_config.refine_poses */
   bool torso_gamma; /* ern_train_config.torso_gamma, also of a head: what its torso is to have; the next one likewise */
-  bool torso_random_background;        /* false where a state of an earlier version does not say it */
+  bool torso_random_background;        /* likewise */
   int frames_per_step;                 /* ern_train_config.frames_per_step */
   uint64_t fine_steps;                 /* of iters; 0: no fine stage */
-  int patch_size;                      /* 0 where a state does not say it */
+  int patch_size;                      /* as of ern_train_config, like the next line */
   float fine_weight, fine_lips_weight; /* likewise */
-  char fine_loss[32]; /* its name, "ssim" without ern_train_config.fine_loss; "" where a state does not say it */
-  double fine_share;  /* ern_train_config.fine_share */
-  float prune_share;  /* likewise; 0 where a state of an earlier version does not say it */
-  int step_parts;     /* 1 where a state of an earlier version does not say it */
-  bool head_random_background; /* as of ern_train_config; false where a state of an earlier version does not say it */
+  char fine_loss[32];                  /* its name, "ssim" without ern_train_config.fine_loss */
+  double fine_share;                   /* ern_train_config.fine_share */
+  float prune_share;                   /* likewise */
+  int step_parts;                      /* likewise */
+  bool head_random_background;         /* as of ern_train_config */
+  ern_train_config config; /* all settings that a state keeps (ern_setting.resume), the above among them; the others are
+                              the defaults. Stays the last member, as it may grow */
 } ern_train_state;
 /* Describes the newest intact state in X.run, X being `output`, so that a program can resume it without having kept its
  * configuration: ern_trainer_create with `resume` refuses some other values, see there. Changes and locks nothing.

@@ -181,21 +181,17 @@ class Dataset(Structure):  # filled by ern_clip_dataset_sized and handed on; not
                 ("speech_noise", c_float), ("fingerprint", c_char_p)]
 
 
+class Setting(Structure):
+    _fields_ = [("name", c_char_p), ("type", ENUM), ("at", c_size_t), ("least", c_double), ("most", c_double),
+                ("fallback", c_double), ("words", c_char_p), ("help", c_char_p), ("resume", ENUM), ("scope", ENUM),
+                ("same_everywhere", c_bool)]
+
+
+SETTING_TYPES = (c_bool, c_int, c_uint64, c_size_t, c_float, c_double, ENUM, c_char_p, c_void_p)  # by ern_setting_type
+
+
 class TrainConfig(Structure):
-    _fields_ = [("cookie", c_uint32), ("size", c_uint32), ("torso", c_bool), ("output", c_char_p), ("resume", c_bool),
-                ("overwrite", c_bool), ("from", c_char_p), ("head", c_void_p), ("iters", c_uint64), ("rays", c_int),
-                ("backbone", ENUM), ("attention", ENUM), ("eye_attention", ENUM), ("levels", c_int),
-                ("no_view", c_bool), ("seed", c_uint64), ("threads", c_int), ("lr", c_float), ("lr_net", c_float),
-                ("lr_att", c_float), ("codes", c_int), ("torso_gamma", c_bool), ("torso_random_background", c_bool),
-                ("max_steps", c_int), ("dt_gamma", c_float), ("bound", c_float), ("torso_shrink", c_float),
-                ("audio_pad", ENUM), ("data_begin", c_size_t), ("data_end", c_size_t), ("save_every", c_uint64),
-                ("validate_every", c_uint64), ("validate_frames", c_int), ("force", c_bool), ("ema", c_bool),
-                ("ema_every", c_uint64), ("refresh_every", c_uint64), ("precision", ENUM), ("ray_sampling", ENUM),
-                ("seconds", c_double), ("refine_poses", c_bool), ("torso_output", c_char_p),
-                ("frames_per_step", c_int), ("fine_steps", c_uint64), ("fine_share", c_double), ("patch_size", c_int),
-                ("fine_weight", c_float), ("fine_lips_weight", c_float), ("fine_loss", c_void_p),
-                ("consent", c_char_p), ("prune_share", c_float), ("step_parts", c_int), ("communicator", c_void_p),
-                ("head_random_background", c_bool)]
+    """Its members are those that the library describes (open_engine)."""
 
 
 class TrainReport(Structure):
@@ -270,6 +266,7 @@ ENGINE = {
     "ern_renderer_accepts": (Status, OBJECT, POINTER(Features), c_char_p),
     "ern_renderer_frame_sized": (Status, OBJECT, POINTER(FrameInput), c_size_t, POINTER(FrameOutput), c_size_t,
                                  c_void_p, c_size_t),
+    "ern_train_setting": (POINTER(Setting), c_size_t),
     "ern_train_config_fill": (None, POINTER(TrainConfig), c_size_t),
     "ern_trainer_create_sized": (Status, OUT, OBJECT, POINTER(Dataset), c_size_t, POINTER(TrainConfig)),
     "ern_trainer_free": (None, OUT),
@@ -309,6 +306,17 @@ def _open(path, functions):
     return library
 
 
+def _describe_train_config(engine):
+    fields, index = [("cookie", c_uint32), ("size", c_uint32)], 0
+    while setting := engine.ern_train_setting(index):
+        fields.append((setting.contents.name.decode(), SETTING_TYPES[setting.contents.type]))
+        index += 1
+    if not hasattr(TrainConfig, "_fields_"):
+        TrainConfig._fields_ = fields
+    if fields != TrainConfig._fields_:
+        raise OSError(f"{engine._name}: its struct ern_train_config is not that of the library opened before")
+
+
 def open_engine(path=None):
     """libernerf: the file `path`, else that of ERNERF_LIBRARY, else the one that the system's loader finds."""
     path = os.fspath(path or os.environ.get("ERNERF_LIBRARY") or f"libernerf.so.{VERSION[0]}")
@@ -317,7 +325,9 @@ def open_engine(path=None):
     major, minor = (int(number) for number in version.split(".")[:2])
     if major != VERSION[0] or minor < VERSION[1]:
         raise OSError(f"{path}: version {version}, expected {VERSION[0]}.{VERSION[1]} or a later {VERSION[0]}.x")
-    return _open(path, ENGINE)
+    engine = _open(path, ENGINE)
+    _describe_train_config(engine)
+    return engine
 
 
 def open_media(engine):

@@ -1,7 +1,10 @@
 /* SPDX-License-Identifier: MIT */
 #include "core/format.h"
 
+#include <math.h>
 #include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
 
 locale_t ern_locale_plain(void) {
   const locale_t plain = newlocale(LC_ALL_MASK, "C", (locale_t)0); /* in glibc and musl a constant */
@@ -26,4 +29,13 @@ int ern_format(char *text, size_t bytes, const char *format, ...) {
   const int length = ern_format_list(text, bytes, format, values);
   va_end(values);
   return length;
+}
+
+bool ern_format_read(const char *text, double *value) {
+  char *end = NULL;
+  if (text[0] == 0 || strspn(text, "0123456789+-.eE") != strlen(text)) return false;
+  const locale_t host = ern_locale_plain();
+  *value = strtod(text, &end);
+  ern_locale_restore(host);
+  return *end == 0 && isfinite(*value);
 }

@@ -263,8 +263,7 @@ static ern_status read_torch(ern_context *context, const char *path, uint8_t *by
   const int64_t step = count_of(root, "global_step"), updates = count_of(ern_pickle_get(root, "ema"), "num_updates");
   ERN_TRY(ern_torch_tensors(context, &torch, r.model != NULL && r.model != root ? "state.file." : "", file, &tree));
   snprintf(steps, sizeof steps, "%" PRId64, step);
-  snprintf(about, sizeof about,
-           "{\"torso\":%s,\"step\":%" PRId64 ",\"ema_updates\":%" PRId64 ",\"seed\":0,\"rays\":0,\"seconds\":0.0}",
+  snprintf(about, sizeof about, "{\"torso\":%s,\"step\":%" PRId64 ",\"ema_updates\":%" PRId64 ",\"seconds\":0.0}",
            r.torso ? "true" : "false", step, updates);
   struct ern_metadata list[4] = {{"torch", tree}, {"global_step", steps}};
   size_t entries = 2;

@@ -7,30 +7,16 @@
 
 struct ern_state_about {
   bool torso;
-  uint64_t step, ema_updates, seed;
-  int rays; /* 0: a state of the public program */
+  uint64_t step, ema_updates;
   double seconds;
-  /* Not in states of early versions: */
-  bool said;
-  uint64_t iters, ema_every, refresh_every, data_begin, data_end;
-  float lr, lr_net, lr_att;
-  bool ema, layer;      /* the model is the average; the clip's torso lies behind the head */
-  bool bf16;            /* products in bf16; missing in earlier files, which were trained in fp32 */
-  char features[65];    /* SHA-256 of the speech features */
-  char fingerprint[65]; /* of the frames' files; "": not known */
-  ern_ray_sampling ray_sampling;
-  double budget, beside; /* seconds: config.seconds; time spent on validations and saves */
-  bool refine_poses;
-  bool torso_gamma;             /* config.torso_gamma; in a head's state, the setting of its torso */
-  bool torso_random_background; /* likewise */
-  bool head_random_background;  /* likewise */
-  int frames_per_step, step_parts;
-  uint64_t fine_from; /* UINT64_MAX: no fine stage; then the next four are 0 */
-  int patch_size;
-  float fine_weight, fine_lips_weight;
+  bool said;               /* false: a state of the public program, which has none of the following */
+  ern_train_config config; /* the settings that a state keeps; the others are the defaults */
+  bool layer;              /* the clip's torso lies behind the head */
+  char features[65];       /* SHA-256 of the speech features */
+  char fingerprint[65];    /* of the frames' files; "": not known */
+  double beside;           /* seconds spent on validations and saves */
+  uint64_t fine_from;      /* UINT64_MAX: no fine stage */
   char fine_loss[32];
-  double fine_share; /* of config.seconds */
-  float prune_share;
   bool pruned; /* the occupancy bits are pruned */
 };
 
@@ -38,8 +24,6 @@ struct ern_state_about {
 ERN_NODISCARD ern_status ern_state_about_text(const ern_trainer *t, char **text);
 ERN_NODISCARD ern_status ern_state_about_parse(ern_context *context, const char *text, const char *path,
                                                struct ern_state_about *about);
-
-const char *ern_precision_word(bool bf16); /* "fp32", "bf16" */
 
 /* The view settings of this training. */
 struct ern_view_settings ern_trainer_view_settings(const ern_trainer *t);

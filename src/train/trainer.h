@@ -158,6 +158,9 @@ ERN_NODISCARD ern_status ern_trainer_copy_camera(ern_model *to, const ern_model 
 /* Logs that a file has another number of individual codes than this training, where it has. */
 void ern_trainer_log_codes(const ern_trainer *t, const char *path, int found);
 
+/* train_settings.c: the ranges of all numbers and words. */
+ERN_NODISCARD ern_status ern_train_settings_check(ern_context *context, const ern_train_config *config);
+
 /* trainer_data.c: calls the dataset's callbacks and checks their results. Other code calls these, never the
  * callbacks. */
 ERN_NODISCARD ern_status ern_trainer_frame(const ern_trainer *t, int split, size_t frame, ern_dataset_frame *about);

@@ -47,64 +47,31 @@ ern_status ern_trainer_wait_for_first(ern_trainer *t) {
 
 /* ---- the beginning ----------------------------------------------------------------------------------------------- */
 
-/* Checks the settings that must be the same in all processes, as text. They include the instruction set, as each rounds
- * differently. */
-static ern_status check_same_words(ern_trainer *t) {
-  const ern_train_config *c = &t->config;
-  char own[512], first[512];
-  snprintf(own, sizeof own, "backend %s (%s), clip %.12s, speech %.12s, %s, seed %" PRIu64 ", loss of patches %s",
-           t->backend->name, t->backend->isa, t->identity, t->features, c->torso ? "torso" : "head", c->seed,
-           ern_trainer_fine_name(t));
-  memcpy(first, own, sizeof first);
+/* Compares a text with rank 0's. */
+static ern_status check_same(ern_trainer *t, const char *what, const char *own) {
+  char first[512] = "";
+  snprintf(first, sizeof first, "%s", own);
   const ern_status status = broadcast(t, first, sizeof first);
   if (status != ERN_OK || strcmp(own, first) == 0) return status;
-  return ern_fail(t->context, ERN_E_MISMATCH, "train: rank %d has %s; rank 0 has %s, expected the same",
-                  t->communicator.rank, own, first);
+  return ern_fail(t->context, ERN_E_MISMATCH, "train: rank %d has %s%s; rank 0 has %s, expected the same",
+                  t->communicator.rank, what, own, first);
 }
 
-/* Checks the numbers on which a step depends, except those that rank 0 sends to all (share_numbers). */
-static ern_status check_same_numbers(ern_trainer *t) {
-  const ern_train_config *c = &t->config;
-  const struct {
-    const char *name;
-    double value;
-  } own[] = {{"number of parameters", (double)t->model->field.parameters},
-             {"ern_dataset.head", t->data.head != NULL},
-             {"data_begin", (double)c->data_begin},
-             {"data_end", (double)c->data_end},
-             {"rays", c->rays},
-             {"step_parts", c->step_parts},
-             {"frames_per_step", c->frames_per_step},
-             {"ray_sampling", c->ray_sampling},
-             {"lr", (double)c->lr},
-             {"lr_net", (double)c->lr_net},
-             {"lr_att", (double)c->lr_att},
-             {"max_steps", c->max_steps},
-             {"dt_gamma", (double)c->dt_gamma},
-             {"bound", (double)c->bound},
-             {"torso_shrink", (double)c->torso_shrink},
-             {"torso_random_background", c->torso_random_background},
-             {"head_random_background", c->head_random_background},
-             {"audio_pad", c->audio_pad},
-             {"precision", c->precision},
-             {"refine_poses", c->refine_poses},
-             {"refresh_every", (double)c->refresh_every},
-             {"ema", c->ema},
-             {"ema_every", (double)c->ema_every},
-             {"prune_share", (double)c->prune_share},
-             {"seconds", c->seconds},
-             {"fine_share", c->fine_share},
-             {"patch_size", c->patch_size},
-             {"fine_weight", (double)c->fine_weight},
-             {"fine_lips_weight", (double)c->fine_lips_weight}};
-  enum { COUNT = sizeof own / sizeof *own };
-  double first[COUNT];
-  for (size_t i = 0; i < COUNT; i++) first[i] = own[i].value;
-  const ern_status status = broadcast(t, first, sizeof first);
-  for (size_t i = 0; i < COUNT && status == ERN_OK; i++)
-    if (own[i].value != first[i])
-      return ern_fail(t->context, ERN_E_MISMATCH, "train: rank %d has %s %g, expected %g as rank 0",
-                      t->communicator.rank, own[i].name, own[i].value, first[i]);
+/* Checks what must be the same in all processes, except the numbers that rank 0 sends to all (share_numbers): the
+ * instruction set too, as each rounds differently. */
+static ern_status check_same_training(ern_trainer *t) {
+  char own[512], words[64];
+  const ern_setting *s;
+  snprintf(own, sizeof own, "backend %s (%s), clip %.12s, speech %.12s, %s of %zu parameters%s, loss of patches %s",
+           t->backend->name, t->backend->isa, t->identity, t->features, t->config.torso ? "torso" : "head",
+           t->model->field.parameters, t->data.head != NULL ? " with ern_dataset.head" : "", ern_trainer_fine_name(t));
+  ern_status status = check_same(t, "", own);
+  for (size_t i = 0; (s = ern_train_setting(i)) != NULL && status == ERN_OK; i++) {
+    if (!s->same_everywhere) continue;
+    snprintf(words, sizeof words, "%s ", s->name);
+    ern_setting_write(s, &t->config, own);
+    status = check_same(t, words, own);
+  }
   return status;
 }
 
@@ -166,8 +133,7 @@ ern_status ern_trainer_share_state(ern_trainer *t) {
   const ern_span values[] = {t->parameters, t->second_moment, t->average};
   ern_status status = ERN_OK;
   if (t->communicator.size == 1) return ERN_OK;
-  ERN_TRY(check_same_words(t));
-  ERN_TRY(check_same_numbers(t));
+  ERN_TRY(check_same_training(t));
   ERN_TRY(share_numbers(t));
   for (size_t i = 0; i < sizeof values / sizeof *values; i++) ERN_TRY(share_reals(t, values[i]));
   ERN_TRY(share_bits(t));

@@ -18,37 +18,6 @@
 #include "render/frame_input.h"
 #include "train/state_about.h"
 
-enum { CONFIG_COOKIE = 0x45524e34 };
-
-void ern_train_config_fill(ern_train_config *config, size_t bytes) {
-  const ern_train_config own = {.cookie = CONFIG_COOKIE,
-                                .iters = 100000,
-                                .rays = 65536,
-                                .seed = 0,
-                                .lr = 1e-2f,
-                                .lr_net = 1e-3f,
-                                .lr_att = 5e-3f,
-                                .codes = -1,
-                                .max_steps = 16,
-                                .dt_gamma = 1.0f / 256,
-                                .bound = 1,
-                                .torso_random_background = true,
-                                .head_random_background = true,
-                                .torso_shrink = 0.8f,
-                                .audio_pad = ERN_AUDIO_PAD_EDGE,
-                                .save_every = 1000,
-                                .validate_every = 1000,
-                                .validate_frames = 16,
-                                .ema_every = 1000,
-                                .ray_sampling = ERN_RAY_SAMPLING_REGIONS,
-                                .frames_per_step = 1,
-                                .patch_size = 32,
-                                .fine_weight = 0.1f,
-                                .fine_lips_weight = 0.1f,
-                                .step_parts = 1};
-  ern_config_copy_out(config, bytes, &own, sizeof own);
-}
-
 /* ---- checks ------------------------------------------------------------------------------------------------------ */
 
 static ern_status check_range(ern_context *context, const char *name, double found, double least, double most) {
@@ -64,33 +33,8 @@ static ern_status check_config(ern_context *context, const ern_train_config *c) 
     const ern_status status = ern_model_check_name(context, c->output);
     if (status != ERN_OK) return status;
   }
-  const struct {
-    const char *name;
-    double found, least, most;
-  } ranges[] = {{"iters", (double)c->iters, 1, 1e12},
-                {"seconds", c->seconds, 0, ERN_TRAIN_MOST_SECONDS},
-                {"rays", c->rays, 1, 1 << 20},
-                {"levels", c->levels, 0, ERN_GRID_MAX_LEVELS},
-                {"lr", (double)c->lr, 0, ERN_TRAIN_MOST_RATE},
-                {"lr_net", (double)c->lr_net, 0, ERN_TRAIN_MOST_RATE},
-                {"lr_att", (double)c->lr_att, 0, ERN_TRAIN_MOST_RATE},
-                {"individual codes", c->codes, -1, 1e6},
-                {"max_steps", c->max_steps, 1, ERN_MAX_STEPS},
-                {"dt_gamma", (double)c->dt_gamma, 0, 1},
-                {"torso_shrink", (double)c->torso_shrink, ERN_LEAST_SHRINK, 1},
-                {"threads", c->threads, 0, ERN_THREADS_MOST},
-                {"frames_per_step", c->frames_per_step, 1, ERN_FRAMES_PER_STEP_MOST},
-                {"validation frames", c->validate_frames, 0, 1e9},
-                {"fine_weight", (double)c->fine_weight, 0, 1e3},
-                {"fine_lips_weight", (double)c->fine_lips_weight, 0, 1e3},
-                {"fine_share", c->fine_share, 0, 1},
-                {"prune_share", (double)c->prune_share, 0, 1},
-                {"ema_every", (double)c->ema_every, 1, 1e12},
-                {"refresh_every", (double)c->refresh_every, 0, 1e12}};
-  for (size_t i = 0; i < sizeof ranges / sizeof *ranges; i++) {
-    const ern_status status = check_range(context, ranges[i].name, ranges[i].found, ranges[i].least, ranges[i].most);
-    if (status != ERN_OK) return status;
-  }
+  const ern_status settings = ern_train_settings_check(context, c);
+  if (settings != ERN_OK) return settings;
   if (c->torso_output != NULL && (c->torso || c->output == NULL))
     return ern_fail(context, ERN_E_ARGUMENT, "train: torso_output is set, expected NULL without a head's output");
   if (c->frames_per_step > c->rays)
@@ -100,12 +44,6 @@ static ern_status check_config(ern_context *context, const ern_train_config *c) 
   if (parts != ERN_OK) return parts;
   if (c->torso && c->head == NULL && c->from == NULL)
     return ern_fail(context, ERN_E_ARGUMENT, "train: a torso needs the head it goes under");
-  if (c->audio_pad != ERN_AUDIO_PAD_EDGE && c->audio_pad != ERN_AUDIO_PAD_ZERO)
-    return ern_fail(context, ERN_E_ARGUMENT, "train: audio_pad is %d, expected 0 or 1", (int)c->audio_pad);
-  if ((int)c->precision < ERN_PRECISION_DEFAULT || (int)c->precision > ERN_PRECISION_AUTO)
-    return ern_fail(context, ERN_E_ARGUMENT, "train: precision is %d, expected 0 to 3", (int)c->precision);
-  if (ern_ray_sampling_name(c->ray_sampling) == NULL)
-    return ern_fail(context, ERN_E_ARGUMENT, "train: ray_sampling is %d, expected 0 to 2", (int)c->ray_sampling);
   return ERN_OK;
 }
 

@@ -13,7 +13,7 @@ static size_t window_values(const ern_features *features) {
   return (size_t)features->window_length * (size_t)features->width;
 }
 
-/* --audio-pad edge: indexed by window of the features; zero: by position in the split, as in the public code. */
+/* audio_pad edge: indexed by window of the features; zero: by position in the split, as in the public code. */
 static ern_status read_windows(ern_trainer *t, const ern_features *features, int split, size_t frame, float *host) {
   const int64_t frames = (int64_t)t->data.frames[split], last = (int64_t)features->windows - 1;
   const size_t size = window_values(features);

@@ -313,7 +313,7 @@ static ern_status take_state(ern_trainer *t, const struct ern_tensor_file *file,
   t->ema_updates = about->ema_updates;
   t->seconds = about->seconds;
   t->beside = about->beside;
-  if (about->rays == 0)
+  if (!about->said)
     ern_log(t->context, ERN_LOG_INFO, "%s: goes on from PyTorch's optimizer, step %llu", path,
             (unsigned long long)about->step);
 fail:
@@ -403,8 +403,8 @@ ern_status ern_trainer_resume(ern_trainer *t, bool *resumed) {
         best.path, best.model->clip, t->identity));
   ERN_TRY(check_config(t, best.model, best.path, true));
   ERN_TRY(check_same_head(t, best.model, best.path));
-  if (t->config.precision == ERN_PRECISION_DEFAULT && best.about.rays > 0)
-    ERN_TRY(ern_trainer_choose_precision(t, best.path, best.about.bf16 ? ERN_PRECISION_BF16 : ERN_PRECISION_FP32));
+  if (t->config.precision == ERN_PRECISION_DEFAULT && best.about.said)
+    ERN_TRY(ern_trainer_choose_precision(t, best.path, best.about.config.precision));
   ERN_TRY(ern_state_about_check(t, best.path, &best.about, &best.model->view));
   ERN_TRY(take_state(t, &best.file, best.path, &best.about, best.model));
   ern_trainer_keep_consent(t, best.model);
@@ -434,37 +434,40 @@ ern_status ern_train_state_describe_sized(ern_context *context, const char *outp
   ERN_TRY(find_newest(context, &run, false, &best));
   if (best.model == NULL) ERN_TRY(ern_fail(context, ERN_E_MISSING, "%s: holds no state of a training", run.folder));
   const struct ern_state_about *about = &best.about;
+  ern_train_config *c = &best.about.config;
+  if (about->fine_from < c->iters) c->fine_steps = c->iters - about->fine_from;
   ern_train_state own = {.torso = about->torso,
                          .step = about->step,
-                         .seed = about->seed,
-                         .rays = about->rays,
+                         .seed = c->seed,
+                         .rays = about->said ? c->rays : 0,
                          .has_settings = about->said,
-                         .iters = about->iters,
-                         .budget = about->budget,
-                         .seconds = about->seconds,
-                         .lr = about->lr,
-                         .lr_net = about->lr_net,
-                         .lr_att = about->lr_att,
-                         .refresh_every = about->refresh_every,
-                         .ema_every = about->ema_every,
-                         .data_begin = (size_t)about->data_begin,
-                         .data_end = (size_t)about->data_end,
+                         .iters = c->iters,
+                         .lr = c->lr,
+                         .lr_net = c->lr_net,
+                         .lr_att = c->lr_att,
+                         .refresh_every = c->refresh_every,
+                         .ema_every = c->ema_every,
+                         .data_begin = c->data_begin,
+                         .data_end = c->data_end,
                          .torso_layer = about->layer,
-                         .ema = about->ema,
-                         .precision = about->bf16 ? ERN_PRECISION_BF16 : ERN_PRECISION_FP32,
-                         .ray_sampling = about->ray_sampling,
-                         .refine_poses = about->refine_poses,
-                         .torso_gamma = about->torso_gamma,
-                         .torso_random_background = about->torso_random_background,
-                         .head_random_background = about->head_random_background,
-                         .frames_per_step = about->frames_per_step,
-                         .step_parts = about->step_parts,
-                         .fine_steps = about->fine_from < about->iters ? about->iters - about->fine_from : 0,
-                         .patch_size = about->patch_size,
-                         .fine_weight = about->fine_weight,
-                         .fine_lips_weight = about->fine_lips_weight,
-                         .fine_share = about->fine_share,
-                         .prune_share = about->prune_share};
+                         .ema = c->ema,
+                         .precision = c->precision,
+                         .ray_sampling = c->ray_sampling,
+                         .budget = c->seconds,
+                         .seconds = about->seconds,
+                         .refine_poses = c->refine_poses,
+                         .torso_gamma = c->torso_gamma,
+                         .torso_random_background = c->torso_random_background,
+                         .frames_per_step = c->frames_per_step,
+                         .fine_steps = c->fine_steps,
+                         .patch_size = about->fine_from != UINT64_MAX ? c->patch_size : 0,
+                         .fine_weight = c->fine_weight,
+                         .fine_lips_weight = c->fine_lips_weight,
+                         .fine_share = c->fine_share,
+                         .prune_share = c->prune_share,
+                         .step_parts = c->step_parts,
+                         .head_random_background = c->head_random_background,
+                         .config = *c};
   memcpy(own.fine_loss, about->fine_loss, sizeof own.fine_loss);
   ern_struct_copy_out(state, state_bytes, &own, sizeof own);
   ern_model_describe_sized(best.model, model, model_bytes);

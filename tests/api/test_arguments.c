@@ -264,6 +264,30 @@ CHECK(ern_file_convert) {
   REFUSED(w.context, "ern_file_convert: out is NULL", ern_file_convert(w.context, junk, NULL));
 }
 
+/* ---- setting.h --------------------------------------------------------------------------------------------------- */
+
+CHECK(ern_setting_read) {
+  ern_train_config config = ern_train_config_default();
+  assert_false(ern_setting_read(NULL, "1", &config));
+  assert_false(ern_setting_read(ern_train_setting(6), NULL, &config));
+  assert_false(ern_setting_read(ern_train_setting(6), "1", NULL));
+}
+CHECK(ern_setting_write) {
+  const ern_train_config config = ern_train_config_default();
+  char text[ERN_SETTING_TEXT_BYTES] = "x";
+  ern_setting_write(NULL, &config, text);
+  ern_setting_write(ern_train_setting(6), NULL, text);
+  ern_setting_write(ern_train_setting(6), &config, NULL);
+  assert_string_equal(text, "x");
+}
+CHECK(ern_setting_expected) {
+  char text[8] = "x";
+  ern_setting_expected(NULL, text, sizeof text);
+  ern_setting_expected(ern_train_setting(6), NULL, 8);
+  ern_setting_expected(ern_train_setting(6), text, 0);
+  assert_string_equal(text, "x");
+}
+
 /* ------------------------------------------------------------------------------------------------------------------ */
 
 static const struct arguments_check table[] = {ROW(ern_status_name),
@@ -305,7 +329,10 @@ static const struct arguments_check table[] = {ROW(ern_status_name),
                                                ROW(ern_file_sha256),
                                                ROW(ern_model_refine),
                                                ROW(ern_model_refine_unseen),
-                                               ROW(ern_file_convert)};
+                                               ROW(ern_file_convert),
+                                               ROW(ern_setting_read),
+                                               ROW(ern_setting_write),
+                                               ROW(ern_setting_expected)};
 enum { CHECKS = sizeof table / sizeof *table };
 
 /* All headers but those of the other files, so that a new one is missed here first. */

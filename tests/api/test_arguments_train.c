@@ -114,16 +114,16 @@ static void check_configs(void) {
   REFUSED_CONFIG(threads, ERN_THREADS_MOST + 1, "threads is 257");
   REFUSED_CONFIG(bound, 0.1f, "bound is 0.1, expected 0.125 to 16");
   REFUSED_CONFIG(bound, 17, "bound is 17");
-  REFUSED_CONFIG(backbone, (ern_backbone)99, "backbone is of no known kind");
-  REFUSED_CONFIG(attention, (ern_attention)99, "attention is of no known kind");
-  REFUSED_CONFIG(eye_attention, (ern_eye_attention)99, "eye_attention is of no known kind");
+  REFUSED_CONFIG(backbone, (ern_backbone)99, "backbone is 99, expected 0 to 3, which are trihash|hash3d|triplane|mlp");
+  REFUSED_CONFIG(attention, (ern_attention)99, "attention is 99");
+  REFUSED_CONFIG(eye_attention, (ern_eye_attention)99, "eye_attention is 99");
   REFUSED_CONFIG(audio_pad, (ern_audio_pad)99, "audio_pad is 99");
   REFUSED_CONFIG(max_steps, 0, "max_steps is 0");
   REFUSED_CONFIG(output, "x.pth", "x.pth: expected a name that ends in .safetensors");
   REFUSED_CONFIG(lr, NAN, "lr is nan");
   REFUSED_CONFIG(torso, true, "needs the head");
   REFUSED_CONFIG(data_end, 99, "frames 0 to 99");
-  REFUSED_CONFIG(refresh_every, 2000000000000, "refresh_every is 2e+12");
+  REFUSED_CONFIG(refresh_every, 2000000000000, "refresh_every is 2000000000000");
   REFUSED_CONFIG(precision, (ern_precision)9, "precision is 9");
   REFUSED_CONFIG(ray_sampling, (ern_ray_sampling)3, "ray_sampling is 3");
   REFUSED_CONFIG(seconds, -1, "seconds is -1");
@@ -203,6 +203,11 @@ CHECK(ern_trainer_create_sized) {
   REFUSED_LATER(w.context, ern_train_config,
                 ern_trainer_create_sized(&made, w.backend, &w.clip.data, sizeof data, &config));
 }
+CHECK(ern_train_setting) {
+  assert_non_null(ern_train_setting(0));
+  assert_null(ern_train_setting(SIZE_MAX));
+}
+
 CHECK(ern_train_state_describe) {
   ern_train_state state;
   ern_model_info model;
@@ -304,23 +309,15 @@ CHECK(ern_trainer_folder) { assert_null(ern_trainer_folder(NULL)); }
 
 /* ------------------------------------------------------------------------------------------------------------------ */
 
-static const struct arguments_check table[] = {ROW(ern_ray_sampling_name),
-                                               ROW(ern_train_config_default),
-                                               ROW(ern_train_config_fill),
-                                               ROW(ern_trainer_create_sized),
-                                               ROW(ern_train_state_describe_sized),
-                                               ROW(ern_trainer_describe_sized),
-                                               ROW(ern_trainer_step_sized),
-                                               ROW(ern_trainer_run_sized),
-                                               ROW(ern_trainer_create),
-                                               ROW(ern_train_state_describe),
-                                               ROW(ern_trainer_free),
-                                               ROW(ern_trainer_describe),
-                                               ROW(ern_trainer_step),
-                                               ROW(ern_trainer_check),
-                                               ROW(ern_trainer_run),
-                                               ROW(ern_trainer_save),
-                                               ROW(ern_trainer_model),
+static const struct arguments_check table[] = {ROW(ern_ray_sampling_name),      ROW(ern_train_config_default),
+                                               ROW(ern_train_config_fill),      ROW(ern_trainer_create_sized),
+                                               ROW(ern_train_setting),          ROW(ern_train_state_describe_sized),
+                                               ROW(ern_trainer_describe_sized), ROW(ern_trainer_step_sized),
+                                               ROW(ern_trainer_run_sized),      ROW(ern_trainer_create),
+                                               ROW(ern_train_state_describe),   ROW(ern_trainer_free),
+                                               ROW(ern_trainer_describe),       ROW(ern_trainer_step),
+                                               ROW(ern_trainer_check),          ROW(ern_trainer_run),
+                                               ROW(ern_trainer_save),           ROW(ern_trainer_model),
                                                ROW(ern_trainer_folder)};
 enum { CHECKS = sizeof table / sizeof *table };
 

@@ -94,9 +94,9 @@ static void test_for_dub(void **state) {
   cli_expect(&cli, 0, NULL);
   assert_null(strstr(cli.err, "blurred"));
   cli_run(&cli, "train clip -o for.safetensors --for dub --time 10s --torso_shrink 0.7");
-  cli_expect(&cli, 2, "--torso_shrink is about the torso, which --for dub lacks", NULL);
-  cli_run(&cli, "train clip -o for.safetensors --for dub --ray-sampling uniform");
-  cli_expect(&cli, 2, "--ray-sampling and --for both choose rays", NULL);
+  cli_expect(&cli, 2, "--torso-shrink is about the torso, which --for dub lacks", NULL);
+  cli_run(&cli, "train clip -o for.safetensors --for dub --set ray_sampling=uniform");
+  cli_expect(&cli, 2, "--set ray_sampling and --for both choose rays", NULL);
 }
 
 /* `eval --compose dub`: the recorded picture outside the lower face, and figures of its own. The clip's pictures serve

@@ -16,13 +16,13 @@ static int make_clip(void **state) {
 }
 
 #define HEAD "--rays 600 --levels 2 --seed 5 --validate-every 0 --validate-frames 1 "
-#define FINE " --patch-size 16 --fine-weight 0.3 "
+#define FINE " --patch-size 16 --set fine_weight=0.3 "
 
 /* A coarse training that goes on as a fine one is the training that was to become one; a resume of that needs no word
  * of it. What is drawn then differs from what a coarse training of as many steps draws. */
 static void test_after_and_as_the_last_part(void **state) {
   (void)state;
-  cli_run(&cli, "train clip -o m.safetensors " HEAD FINE "--iters 16 --fine-steps 6");
+  cli_run(&cli, "train clip -o m.safetensors " HEAD FINE "--iters 16 --set fine_steps=6");
   cli_expect(&cli, 0, NULL);
   cli_run(&cli, "train clip -o n.safetensors " HEAD "--iters 10");
   cli_expect(&cli, 0, NULL);
@@ -55,6 +55,12 @@ static json_t *state_of(const char *path) {
   return about;
 }
 
+static void expect_setting(const json_t *training, const char *name, const char *value) {
+  const char *found = json_string_value(json_object_get(json_object_get(training, "settings"), name));
+  assert_non_null(found);
+  assert_string_equal(found, value);
+}
+
 /* By the clock the last fifth of the head's steps are fine ones where that is wanted, and else none. */
 static void test_by_the_clock_long(void **state) {
   (void)state;
@@ -62,41 +68,41 @@ static void test_by_the_clock_long(void **state) {
   cli_expect(&cli, 0, NULL);
   json_t *about = state_of("t.head.run/state.safetensors"), *training = json_object_get(about, "training");
   const double steps = json_number_value(json_object_get(about, "step"));
-  const double from = json_number_value(json_object_get(json_object_get(training, "fine"), "from"));
+  const double from = json_number_value(json_object_get(training, "fine_from"));
   assert_true(from > 0.3 * steps && from < steps);
   json_decref(about);
   cli_run(&cli, "train clip -o u.safetensors --time 2s --levels 2 --quiet");
   cli_expect(&cli, 0, NULL);
   about = state_of("u.head.run/state.safetensors"), training = json_object_get(about, "training");
-  assert_null(json_object_get(training, "fine"));
+  assert_null(json_object_get(training, "fine_from"));
   /* what a time is spent on: small steps of one frame, and the average of the weights */
-  assert_int_equal(json_integer_value(json_object_get(about, "rays")), 512);
-  assert_int_equal(json_integer_value(json_object_get(training, "frames_per_step")), 1);
-  assert_int_equal(json_integer_value(json_object_get(training, "ema_every")), 40);
-  assert_true(json_is_true(json_object_get(training, "ema")));
+  expect_setting(training, "rays", "512");
+  expect_setting(training, "frames_per_step", "1");
+  expect_setting(training, "ema_every", "40");
+  expect_setting(training, "ema", "yes");
   json_decref(about);
   /* a patch has more rays than such a step, which stays as it is */
   cli_run(&cli, "train clip -o u.safetensors --resume -y --time 4s --stage fine --quiet");
   cli_expect(&cli, 0, NULL);
   about = state_of("u.head.run/state.safetensors"), training = json_object_get(about, "training");
-  assert_int_equal(json_integer_value(json_object_get(about, "rays")), 512);
-  assert_non_null(json_object_get(training, "fine"));
+  expect_setting(training, "rays", "512");
+  assert_non_null(json_object_get(training, "fine_from"));
   json_decref(about);
 }
 
 static void test_refused(void **state) {
   (void)state;
-  cli_run(&cli, "train clip -o p.safetensors --time 5s --fine-steps 9");
-  cli_expect(&cli, 2, "--fine-steps", "--time", NULL);
+  cli_run(&cli, "train clip -o p.safetensors --time 5s --set fine_steps=9");
+  cli_expect(&cli, 2, "--set fine_steps", "--time", NULL);
   cli_run(&cli, "train clip -o p.safetensors --patch-size 16");
   cli_expect(&cli, 2, "--patch-size", "--stage fine", NULL);
-  cli_run(&cli, "train clip -o p.safetensors --time 5s --stage coarse --fine-weight 1");
-  cli_expect(&cli, 2, "--fine-weight", "--stage fine", NULL);
-  cli_run(&cli, "train clip -o p.safetensors --stage fine --fine-steps 3");
-  cli_expect(&cli, 2, "--fine-steps", NULL);
-  cli_run(&cli, "train clip -o p.safetensors --torso --head m.safetensors --fine-steps 3");
-  cli_expect(&cli, 2, "--fine-steps", NULL);
-  cli_run(&cli, "train clip -o p.safetensors --fine-steps 3 --patch-size 24");
+  cli_run(&cli, "train clip -o p.safetensors --time 5s --stage coarse --set fine_weight=1");
+  cli_expect(&cli, 2, "--set fine_weight", "--stage fine", NULL);
+  cli_run(&cli, "train clip -o p.safetensors --stage fine --set fine_steps=3");
+  cli_expect(&cli, 2, "--set fine_steps", NULL);
+  cli_run(&cli, "train clip -o p.safetensors --torso --head m.safetensors --set fine_steps=3");
+  cli_expect(&cli, 2, "--set fine_steps", NULL);
+  cli_run(&cli, "train clip -o p.safetensors --set fine_steps=3 --patch-size 24");
   cli_expect(&cli, 1, "patch_size is 24, expected 16, 32, 48 or 64", NULL);
   assert_true(access("p.safetensors", F_OK) != 0);
   cli_run(&cli, "train clip -o n.safetensors --resume --stage coarse --iters 20");

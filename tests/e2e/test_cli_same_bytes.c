@@ -26,8 +26,9 @@ static void twice(const char *words, const char *line) {
 
 static void test_kinds(void **state) {
   (void)state;
-  static const char *const kinds[] = {"--backbone hash3d --attention feature --levels 3 --eye-attention concat",
-                                      "--backbone triplane --attention concat --ind_num 0 --effects none"};
+  static const char *const kinds[] = {
+      "--set backbone=hash3d --set attention=feature --levels 3 --set eye_attention=concat",
+      "--set backbone=triplane --set attention=concat --ind_num 0 --effects none"};
   for (size_t i = 0; i < sizeof kinds / sizeof *kinds; i++) twice(kinds[i], "--iters 1 --validate-frames 1");
 }
 

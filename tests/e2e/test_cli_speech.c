@@ -40,7 +40,7 @@ static void test_features(void **state) {
   cli_expect(&cli, 1, "nothing.wav: is empty", NULL);
   /* a training on the file is that on the sound, without augmentation */
   cli_run(&cli,
-          "train clip --speech-copies 0 --speech-noise 0 -o a.safetensors --iters 4 --rays 64 "
+          "train clip --speech-augment off -o a.safetensors --iters 4 --rays 64 "
           "--levels 2 --validate-frames 1 --quiet");
   cli_expect(&cli, 0, NULL);
   assert_int_equal(rename("made.npy", "aud_cep.npy"), 0);
@@ -50,7 +50,7 @@ static void test_features(void **state) {
   assert_int_equal(system("cmp a.safetensors b.safetensors"), 0);
   /* what it heard is kept as a hash alone */
   cli_run(&cli, "train clip -o a.safetensors --resume --iters 6 --quiet");
-  cli_expect(&cli, 1, "a.run/state.safetensors", "the SHA-256", "--speech-copies, --speech-warp, --speech-share", NULL);
+  cli_expect(&cli, 1, "a.run/state.safetensors", "the SHA-256", "--speech-augment", NULL);
 }
 
 /* A sound of 10 frames and a third is no sound that is missing, as its last frame outlasts it. */
@@ -95,20 +95,14 @@ static void test_render_long(void **state) {
   cli_expect(&cli, 0, NULL);
   cli_run(&cli, "render ds.safetensors --clip clip --audio clip/aud.wav -o wrong.mp4");
   cli_expect(&cli, 1, "expected", NULL);
-  cli_run(&cli, "train clip --audio ds.npy --speech-share 0.3 -o x.safetensors --iters 4 --rays 64");
-  cli_expect(&cli, 2, "--speech-share", "given as features", NULL);
   assert_false(cli_there("wrong.mp4"));
-  cli_run(&cli, "train clip --speech-copies 0 --speech-share 0.3 -o x.safetensors --iters 4 --rays 64");
-  cli_expect(&cli, 2, "--speech-share is about copies of the speech, of which there are none", NULL);
-  cli_run(&cli, "train clip --paper --speech-warp 0.9,1.1 -o x.safetensors --iters 4 --rays 64");
-  cli_expect(&cli, 2, "--speech-warp is about copies of the speech, of which there are none", NULL);
   /* the noise of a short speech is the head's alone: the torso goes on by itself too */
   cli_run(&cli, "train clip --time 1s -o timed.safetensors --levels 2 --validate-frames 1 --quiet");
   cli_expect(&cli, 0, NULL);
   cli_run(&cli, "train clip --torso --head timed.head.safetensors -o timed.safetensors --resume --quiet");
   cli_expect(&cli, 0, NULL);
-  cli_run(&cli, "train clip --torso --head m.safetensors --speech-copies 2 -o x.safetensors");
-  cli_expect(&cli, 2, "--speech-copies", "which --torso does not change", NULL);
+  cli_run(&cli, "train clip --torso --head m.safetensors --speech-augment auto -o x.safetensors");
+  cli_expect(&cli, 2, "--speech-augment", "which --torso does not change", NULL);
 }
 
 /* 13 numbers may be anybody's: a head that learnt them does not speak from a sound. */

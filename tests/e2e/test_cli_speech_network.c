@@ -82,8 +82,6 @@ static void test_usage(void **state) {
   cli_expect(&cli, 2, "--asr_model", NULL);
   cli_run(&cli, "render n.safetensors --clip clip %s --audio eo.npy -o none.mp4", network);
   cli_expect(&cli, 2, "eo.npy holds features", NULL);
-  cli_run(&cli, "train clip %s %s --speech-share 0.3 -o none.safetensors %s", network, preset, small);
-  cli_expect(&cli, 2, "--speech-share", "network", NULL);
 }
 
 /* A model says what it needs: the network's file is all that is asked for. */

@@ -151,19 +151,22 @@ static void test_threads_long(void **state) {
 static void test_average_long(void **state) {
   (void)state;
   support_clear("few.safetensors"), support_clear("few.run");
-  cli_run(&cli, "train clip -o few.safetensors --iters 3 --rays 64 --levels 4 --ema --ema-every 1");
+  cli_run(&cli, "train clip -o few.safetensors --iters 3 --rays 64 --levels 4 --set ema=yes --set ema_every=1");
   cli_expect(&cli, 1, "3 updates", "expected at least 10", "10 steps in all", NULL);
   assert_false(cli_there("few.safetensors") || cli_there("few.run"));
   cli_run(&cli,
-          "train clip -o few.safetensors --iters 10 --rays 64 --levels 4 --validate-frames 1 --ema --ema-every 1 "
+          "train clip -o few.safetensors --iters 10 --rays 64 --levels 4 --validate-frames 1 --set ema=yes --set "
+          "ema_every=1 "
           "--save-every 4");
   cli_expect(&cli, 0, "few.safetensors: step 8: the weights as they are", NULL);
-  cli_run(&cli,
-          "train clip -o mean.safetensors --iters 11 --rays 64 --levels 4 --validate-frames 1 --ema-every 1 --quiet");
+  cli_run(
+      &cli,
+      "train clip -o mean.safetensors --iters 11 --rays 64 --levels 4 --validate-frames 1 --set ema_every=1 --quiet");
   cli_expect(&cli, 0, NULL);
   size_t raw = 0, mean = 0;
   uint8_t *before = cli_bytes("mean.safetensors", &raw);
-  cli_run(&cli, "train clip -o mean.safetensors --iters 11 --rays 64 --levels 4 --ema-every 1 --resume --ema");
+  cli_run(&cli,
+          "train clip -o mean.safetensors --iters 11 --rays 64 --levels 4 --set ema_every=1 --resume --set ema=yes");
   cli_expect(&cli, 0, NULL);
   uint8_t *after = cli_bytes("mean.safetensors", &mean);
   assert_int_equal(raw, mean);
@@ -174,7 +177,9 @@ static void test_average_long(void **state) {
 
 static void test_torso(void **state) {
   (void)state;
-  cli_run(&cli, "train clip --torso --head head.safetensors -o torso.safetensors --iters 20 --rays 512 --torso-gamma");
+  cli_run(
+      &cli,
+      "train clip --torso --head head.safetensors -o torso.safetensors --iters 20 --rays 512 --set torso_gamma=yes");
   cli_expect(&cli, 0, "the torso for head.safetensors", "20/20", NULL);
   same_tensors("head.safetensors", "torso.safetensors", false); /* the head stays as it is */
   cli_run(&cli, "info torso.safetensors --json");

@@ -146,8 +146,8 @@ static void test_refused(void **state) {
 static const char *const out_of_range[][4] = {
     {"train", "iters", "0", "from 1"},
     {"train", "rays", "1048577", "from 1 to 1048576"},
-    {"train", "levels", "25", "from 2 to 24"},
-    {"train", "lr_net", "0", "number from"},
+    {"train", "levels", "25", "from 0 to 24"},
+    {"train", "lr_net", "1001", "number from 0 to 1000"},
     {"train", "torso_shrink", "1.5", "to 1"},
     {"train", "data_range", "5 2", "A < B"},
     {"train", "memory", "99999999999G", "number of bytes"},
@@ -188,8 +188,9 @@ static void test_public_names(void **state) {
       ("train nowhere -o x.safetensors --iters 10 --lr 0.01 --lr_net 0.001 --num_rays 64 --seed 3 --asr_model "
        "deepspeech --data_range 0 -1 --max_steps 16 --ind_num 100 --dt_gamma 0.004 --bound 1 --scale 4"),
       ("train nowhere -o x.safetensors --iters=10 --lr=0.01 --lr-net=0.001 --num-rays=64 --seed=3 --aud a.npy "
-       "--data-range=2:5 --max-steps=16 --ind-num=100 --dt-gamma=0.004 --audio_pad=zero --save_every=5"),
-      "train nowhere --memory 1G --output=x.safetensors --data_range 3 7 --validate-every 10 --ema_every=2 --ema",
+       "--data-range=2:5 --max-steps=16 --ind-num=100 --dt-gamma=0.004 --set audio_pad=zero --save_every=5"),
+      "train nowhere --memory 1G --output=x.safetensors --data_range 3 7 --validate-every 10 --set ema_every=2 --set "
+      "ema=yes",
   };
   for (size_t i = 0; i < sizeof lines / sizeof lines[0]; i++) {
     cli_run(&cli, "%s", lines[i]);

@@ -156,14 +156,12 @@ static void test_torso_long(void **state) {
 static void test_state(void **state) {
   (void)state;
   struct ern_state_about about;
-#define STATE(more)                                                                                                 \
-  "{\"torso\":false,\"step\":4,\"ema_updates\":2,\"seed\":7,\"rays\":96,\"seconds\":1.5,\"training\":{\"iters\":9," \
-  "\"lr\":0.1,\"lr_net\":0.1,\"lr_att\":0.1,\"refresh_every\":0,\"ema_every\":1,\"ema\":false,\"data_begin\":0,"    \
-  "\"data_end\":3,\"torso_layer\":true,\"features\":\"\"" more "}}"
-  support_ok(made.context, ern_state_about_parse(made.context, STATE(""), "s", &about)); /* of before */
-  assert_true(about.said && !about.bf16);
+#define STATE(more)                                                                                                   \
+  "{\"torso\":false,\"step\":4,\"ema_updates\":2,\"seconds\":1.5,\"training\":{\"settings\":{\"data_end\":\"3\"" more \
+  "},\"torso_layer\":true,\"features\":\"\",\"fingerprint\":\"\",\"seconds_beside\":0,\"fine_loss\":\"ssim\","        \
+  "\"pruned\":false}}"
   support_ok(made.context, ern_state_about_parse(made.context, STATE(",\"precision\":\"bf16\""), "s", &about));
-  assert_true(about.bf16);
+  assert_int_equal(about.config.precision, ERN_PRECISION_BF16);
   static const char *const wrong[] = {STATE(",\"precision\":\"fp16\""), STATE(",\"precision\":2")};
   for (size_t i = 0; i < 2; i++)
     support_expect(made.context, ern_state_about_parse(made.context, wrong[i], "s", &about), ERN_E_FORMAT,

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
 """The module's copy of the C interface against the headers, by the C compiler: sizes, offsets and types of all members
-of its structs, values of its enums, arguments and results of its functions. Needs ERNERF_SOURCE; CC is the compiler."""
+of its structs, values of its enums, arguments and results of its functions. Needs ERNERF_SOURCE and ERNERF_LIBRARY; CC is the compiler."""
 import ctypes
 import enum
 import os
@@ -12,6 +12,7 @@ import unittest
 from ernerf import _c
 
 SOURCE = os.environ["ERNERF_SOURCE"]
+_c.open_engine()  # which describes a struct
 PREFIX = {"Status": "ERN_"}  # of an enum's values; of all others by the name of the enum
 STRUCTS = [kind for kind in vars(_c).values() if isinstance(kind, type) and issubclass(kind, ctypes.Structure)
            and kind is not ctypes.Structure]
@@ -52,7 +53,7 @@ def is_callback(kind):
 
 def headers():
     text = ""
-    for name in ("base", "backend", "data", "model", "render", "train", "media", "speech"):
+    for name in ("base", "backend", "data", "model", "render", "setting", "train", "media", "speech"):
         with open(f"{SOURCE}/include/ernerf/{name}.h", encoding="utf-8") as file:
             text += file.read()
     return re.sub(r"/\*.*?\*/", "", text, flags=re.S)

@@ -222,10 +222,10 @@ static void test_bad_configuration(void **state) {
   expect_refused(&m, &config, ERN_E_ARGUMENT, "levels is 1", "expected 2");
   config = config_of(rows[0], NULL);
   config.backbone = (ern_backbone)4;
-  expect_refused(&m, &config, ERN_E_ARGUMENT, "backbone is of no known kind", "triplane or mlp");
+  expect_refused(&m, &config, ERN_E_ARGUMENT, "backbone is 4, expected 0 to 3", "triplane|mlp");
   config = config_of(rows[0], NULL);
   config.attention = (ern_attention)3;
-  expect_refused(&m, &config, ERN_E_ARGUMENT, "attention is of no known kind", "feature or concat");
+  expect_refused(&m, &config, ERN_E_ARGUMENT, "attention is 3", "feature|concat");
   config = config_of(rows[3], NULL);
   m.data.has_eye = false;
   expect_refused(&m, &config, ERN_E_MISSING, "eye attention is concat", "au.csv");

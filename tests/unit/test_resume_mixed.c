@@ -98,8 +98,8 @@ static void test_copies_long(void **state) {
                  "their augmentation", NULL);
   spoken[5] -= 1;
   m.data.speech_noise = 0.5f;
-  support_expect(m.context, ern_trainer_create(&trainer, m.backend, &m.data, &config), ERN_E_MISMATCH, "--speech-noise",
-                 NULL);
+  support_expect(m.context, ern_trainer_create(&trainer, m.backend, &m.data, &config), ERN_E_MISMATCH,
+                 "--speech-augment", NULL);
   m.data.speech_noise = 0;
   support_ok(m.context, train(&m, &config, NULL));
   expect_same("whole.safetensors", "copied.safetensors");

@@ -324,7 +324,7 @@ static void test_poses_are_kept(void **state) {
   config.resume = true;
   config.overwrite = false;
   support_expect(data.context, ern_trainer_create(&trainer, data.backend, &data.data, &config), ERN_E_MISMATCH,
-                 "refine_poses is 1, this training has 0", NULL);
+                 "refine_poses is yes, this training has no", NULL);
   support_ok(data.context, ern_model_load(&head, data.context, config.output));
   config = small_config(3, NULL);
   config.torso = true;

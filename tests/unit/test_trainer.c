@@ -517,7 +517,7 @@ static void test_bad_configuration(void **state) {
   config = small_config(5, NULL);
   config.refresh_every = 2000000000000;
   support_expect(m.context, ern_trainer_create(&trainer, m.backend, &m.data, &config), ERN_E_ARGUMENT,
-                 "refresh_every is 2e+12", NULL);
+                 "refresh_every is 2000000000000", NULL);
   config = small_config(5, NULL);
   config.torso = true;
   support_expect(m.context, ern_trainer_create(&trainer, m.backend, &m.data, &config), ERN_E_ARGUMENT, "needs the head",

@@ -11,6 +11,7 @@
 #include "help.h"
 #include "option_words.h"
 #include "public_options.h"
+#include "setting_choice.h"
 
 enum { NAME_BYTES = 64, TEXT_BYTES = 256 };
 
@@ -81,6 +82,27 @@ int args_forbid(const struct args *args, const char *names, const char *why) {
     at += bytes + strspn(at + bytes, " ");
   }
   return -1;
+}
+
+int args_forbid_setting(const struct args *args, const struct setting_choice *choice, const char *name,
+                        const char *why) {
+  if (!setting_given(choice, name)) return -1;
+  for (int g = 0; g < ARGS_GROUPS; g++)
+    for (size_t i = 0; i < args->groups[g].count; i++) {
+      const struct option *option = &args->groups[g].options[i];
+      if (option->given && option->kind == OPTION_SETTING && strcmp(option->setting, name) == 0)
+        return args_refuse(args, "--%s %s", option->name, why);
+    }
+  return args_refuse(args, "--set %s %s", name, why);
+}
+
+int args_forbid_settings(const struct args *args, const struct setting_choice *choice, ern_setting_scope scope,
+                         const char *why) {
+  const ern_setting *setting;
+  int status = -1;
+  for (size_t i = 0; (setting = choice->row(i)) != NULL && status < 0; i++)
+    if (setting->scope == scope) status = args_forbid_setting(args, choice, setting->name, why);
+  return status;
 }
 
 /* Levenshtein's distance: letters to put in, take out or change. */
@@ -296,6 +318,58 @@ static int take_rate(const struct args *args, struct option *option, const char 
   return refuse_value(args, option, text, "frames a second from 1 to 240, such as 30, 29.97, 12.5 or 24000/1001");
 }
 
+/* The value of setting number `index`; `shown`: the option, for messages. */
+static int take_setting_value(const struct args *args, struct setting_choice *choice, size_t index, const char *shown,
+                              const char *text) {
+  const ern_setting *setting = choice->row(index);
+  char expected[TEXT_BYTES];
+  if (ern_setting_read(setting, text, choice->config)) {
+    choice->given |= UINT64_C(1) << index;
+    return -1;
+  }
+  ern_setting_expected(setting, expected, sizeof expected);
+  return args_refuse(args, "%s is \"%s\", expected %s", shown, text, expected);
+}
+
+static int take_setting(const struct args *args, struct option *option, const char *text) {
+  char shown[NAME_BYTES];
+  size_t index = 0;
+  (void)setting_find(option->target, option->setting, &index);
+  snprintf(shown, sizeof shown, "%s%s", option_dashes(option->name), option->name);
+  return take_setting_value(args, option->target, index, shown, text);
+}
+
+static int refuse_setting(const struct args *args, const struct setting_choice *choice, const char *name) {
+  enum { NAMES = 64 };
+  const char *names[NAMES];
+  const ern_setting *setting;
+  size_t count = 0;
+  for (size_t i = 0; (setting = choice->row(i)) != NULL && count < NAMES; i++)
+    if (setting_is_offered(choice, setting)) names[count++] = setting->name;
+  const char *nearest = args_nearest(name, names, count);
+  return args_refuse(args, "--set %s: there is no such setting%s%s; --set help lists them", name,
+                     nearest != NULL ? ", the nearest is " : "", nearest != NULL ? nearest : "");
+}
+
+/* NAME=VALUE, or `help`. */
+static int take_set(const struct args *args, struct option *option, const char *text) {
+  struct setting_choice *choice = option->target;
+  const size_t length = strcspn(text, "=");
+  char name[NAME_BYTES], shown[NAME_BYTES + 8];
+  size_t index = 0;
+  if (strcmp(text, "help") == 0) {
+    help_settings(choice);
+    return EXIT_SUCCESS;
+  }
+  if (text[length] == 0 || length == 0 || length >= NAME_BYTES)
+    return args_refuse(args, "--set is \"%s\", expected NAME=VALUE; --set help lists the names", text);
+  snprintf(name, sizeof name, "%.*s", (int)length, text);
+  const ern_setting *setting = setting_find(choice, name, &index);
+  if (setting == NULL || !setting_is_offered(choice, setting)) return refuse_setting(args, choice, name);
+  snprintf(shown, sizeof shown, "--set %s", setting->name);
+  return take_setting_value(args, choice, index, shown, text + length + 1);
+}
+
 static bool ends_in(const char *text, const char *ending) {
   const size_t bytes = strlen(text), tail = strlen(ending);
   return bytes > tail && strcmp(text + bytes - tail, ending) == 0;
@@ -315,6 +389,8 @@ static int take_value(const struct args *args, struct option *option, const char
     case OPTION_DIMENSIONS: return take_dimensions(args, option, text);
     case OPTION_RATE: return take_rate(args, option, text);
     case OPTION_PAIR: return take_pair(args, option, text);
+    case OPTION_SETTING: return take_setting(args, option, text);
+    case OPTION_SET: return take_set(args, option, text);
     case OPTION_JSON:
       if (strcmp(text, "-") != 0 && !ends_in(text, ".json"))
         return refuse_value(args, option, text, "- or a name that ends in .json");

@@ -8,6 +8,7 @@
 #include "ernerf/base.h"
 #include "option_table.h"
 #include "session/rate.h"
+#include "setting_choice.h"
 
 enum { EXIT_USAGE = 2 }; /* wrong usage; EXIT_FAILURE (1) means that the work failed */
 
@@ -26,6 +27,12 @@ void args_unlist(struct args *args, const char *names);
 
 /* If one of `names` (separated by spaces) was given, EXIT_USAGE after a message with the reason `why`; else -1. */
 int args_forbid(const struct args *args, const char *names, const char *why);
+
+/* The same of a setting of --set, by its name, and of all settings of a scope. */
+int args_forbid_setting(const struct args *args, const struct setting_choice *choice, const char *name,
+                        const char *why);
+int args_forbid_settings(const struct args *args, const struct setting_choice *choice, ern_setting_scope scope,
+                         const char *why);
 
 /* The one of `count` names with the least edit distance to `name`; NULL if more than a third of its letters would
  * change. */

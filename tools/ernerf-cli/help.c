@@ -49,6 +49,18 @@ static void print_option(const struct option *option) {
   print_wrapped(column, option_text(option, text));
 }
 
+void help_settings(const struct setting_choice *choice) {
+  char text[HELP_BYTES], expected[TEXT_BYTES], preset[ERN_SETTING_TEXT_BYTES];
+  const ern_setting *s;
+  for (size_t i = 0; (s = choice->row(i)) != NULL; i++) {
+    if (!setting_is_offered(choice, s)) continue;
+    ern_setting_expected(s, expected, sizeof expected);
+    ern_setting_write(s, choice->config, preset);
+    snprintf(text, sizeof text, "%s; %s (default %s)", s->help, expected, preset);
+    print_wrapped(printf("  %s", s->name), text);
+  }
+}
+
 static void print_help(const struct args *args) {
   printf("%s\n\n", args->summary);
   for (const char *at = args->usage; *at != 0;) {
@@ -59,7 +71,7 @@ static void print_help(const struct args *args) {
   printf("\n");
   for (size_t i = 0; i < args->word_count; i++) print_wrapped(printf("  %s", args->words[i].name), args->words[i].help);
   for (int g = 0; g < ARGS_GROUPS; g++) {
-    if (args->groups[g].count == 0) continue;
+    if (args->groups[g].title == NULL) continue;
     printf("\n%s\n", args->groups[g].title);
     for (size_t i = 0; i < args->groups[g].count; i++)
       if (!args->groups[g].options[i].unlisted) print_option(&args->groups[g].options[i]);

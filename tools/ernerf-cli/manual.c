@@ -95,7 +95,7 @@ void manual_print(const struct args *args) {
   }
   printf(".SH OPTIONS\n");
   for (int g = 0; g < ARGS_GROUPS; g++) {
-    if (args->groups[g].count == 0) continue;
+    if (args->groups[g].title == NULL) continue;
     printf(".SS ");
     print_all(args->groups[g].title);
     printf("\n");

@@ -41,7 +41,9 @@ enum option_kind {
   OPTION_RATE,       /* struct rate: frames a second, 1 to 240, as a number or N/D */
   OPTION_PAIR,       /* struct pair: A,B, each in [low, high] */
   OPTION_FRAME,      /* uint64_t: a number from 0, or nothing (0 then) */
-  OPTION_JSON        /* const char *: "-", a name ending in .json, or nothing ("-" then) */
+  OPTION_JSON,       /* const char *: "-", a name ending in .json, or nothing ("-" then) */
+  OPTION_SETTING,    /* struct setting_choice: the value of its member `setting` */
+  OPTION_SET         /* struct setting_choice: NAME=VALUE, again and again */
 };
 
 struct option {
@@ -51,8 +53,9 @@ struct option {
   double low, high;
   const char *choices; /* of OPTION_CHOICE; other kinds: the value's name in the help, NULL: a name by kind */
   const char *help;
-  bool given;    /* set by the parser */
-  bool unlisted; /* absent from the help: the verb rejects it with a reason */
+  const char *setting; /* of OPTION_SETTING: the member's name, range and default of which the help shows */
+  bool given;          /* set by the parser */
+  bool unlisted;       /* absent from the help: the verb rejects it with a reason */
 };
 
 /* options[count] = rows. Does not compile if the number of rows is not `count`. */
@@ -79,7 +82,7 @@ struct args {
   struct word *words;
   size_t word_count, optional_words; /* optional_words: how many of the last ones may be missing */
   struct {
-    const char *title;
+    const char *title; /* NULL: none of its options is in the help */
     struct option *options;
     size_t count;
   } groups[ARGS_GROUPS];

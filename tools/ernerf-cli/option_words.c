@@ -6,6 +6,8 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "setting_choice.h"
+
 enum {
   TEXT_BYTES = 256,
   MUCH = 1000000 /* bounds from here on only catch typing errors and are not shown */
@@ -13,8 +15,18 @@ enum {
 
 const char *option_dashes(const char *name) { return strlen(name) == 1 ? "-" : "--"; }
 
+static const ern_setting *setting_of(const struct option *option) {
+  size_t index;
+  return setting_find(option->target, option->setting, &index);
+}
+
 const char *option_value(const struct option *option) {
   if (option->choices != NULL) return option->choices;
+  if (option->kind == OPTION_SETTING) {
+    const ern_setting *setting = setting_of(option);
+    const bool real = setting->type == ERN_SETTING_FLOAT || setting->type == ERN_SETTING_DOUBLE;
+    return setting->type == ERN_SETTING_WORD ? setting->words : real ? "X" : "N";
+  }
   switch (option->kind) {
     case OPTION_INT:
     case OPTION_COUNT: return "N";
@@ -29,6 +41,7 @@ const char *option_value(const struct option *option) {
     case OPTION_PAIR: return "A,B";
     case OPTION_FRAME: return "[N]";
     case OPTION_JSON: return "[FILE.json|-]";
+    case OPTION_SET: return "NAME=VALUE";
     default: return NULL;
   }
 }
@@ -38,6 +51,11 @@ const char *option_value(const struct option *option) {
 static const char *preset_of(const struct option *option, char text[TEXT_BYTES]) {
   text[0] = 0;
   if (strstr(option->help, "default") != NULL) return text;
+  if (option->kind == OPTION_SETTING) {
+    char preset[ERN_SETTING_TEXT_BYTES];
+    ern_setting_write(setting_of(option), ((struct setting_choice *)option->target)->config, preset);
+    snprintf(text, TEXT_BYTES, " (default %s)", preset);
+  }
   if (option->kind == OPTION_INT) snprintf(text, TEXT_BYTES, " (default %d)", *(int *)option->target);
   if (option->kind == OPTION_COUNT) snprintf(text, TEXT_BYTES, " (default %" PRIu64 ")", *(uint64_t *)option->target);
   if (option->kind == OPTION_FLOAT && !(*(float *)option->target < (float)option->low))
@@ -47,8 +65,14 @@ static const char *preset_of(const struct option *option, char text[TEXT_BYTES])
 
 /* The range of a number, unless the help text contains it. */
 static const char *range_of(const struct option *option, char text[TEXT_BYTES]) {
+  double low = option->low, high = option->high;
   text[0] = 0;
   switch (option->kind) {
+    case OPTION_SETTING:
+      if (setting_of(option)->type == ERN_SETTING_WORD) return text;
+      low = setting_of(option)->least;
+      high = setting_of(option)->most;
+      break;
     case OPTION_INT:
     case OPTION_COUNT:
     case OPTION_FLOAT:
@@ -57,12 +81,12 @@ static const char *range_of(const struct option *option, char text[TEXT_BYTES]) 
     case OPTION_PAIR: break;
     default: return text;
   }
-  const bool endless = option->high >= MUCH || (option->high == 0 && option->kind == OPTION_COUNT);
-  if (endless && option->low == 0) return text;
+  const bool endless = high >= MUCH || (high == 0 && option->kind == OPTION_COUNT);
+  if (endless && low == 0) return text;
   if (endless)
-    snprintf(text, TEXT_BYTES, "%.10g or more", option->low);
+    snprintf(text, TEXT_BYTES, "%.10g or more", low);
   else
-    snprintf(text, TEXT_BYTES, "%.10g to %.10g", option->low, option->high);
+    snprintf(text, TEXT_BYTES, "%.10g to %.10g", low, high);
   if (strstr(option->help, text) != NULL) text[0] = 0;
   return text;
 }

@@ -64,7 +64,8 @@ static const struct {
     {"part", "(every tenth frame) is not supported; --data_range A:B of `ernerf train` takes a range of frames"},
     {"part2", "is `--data_range 0:375` of `ernerf train` here"},
     {"train_camera",
-     "is `--refine-poses` of `ernerf train` here, the default with --time; corrections of poses in a .pth are applied"},
+     "is `--set refine_poses=yes` of `ernerf train` here, the default with --time; corrections of poses in a .pth are "
+     "applied"},
     {"asr", SPEECH},
     {"asr_wav", SPEECH},
     {"asr_play", SPEECH},

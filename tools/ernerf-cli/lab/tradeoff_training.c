@@ -380,7 +380,7 @@ int tradeoff_training(int argc, char **argv) {
       .notes =
           "One thing is changed at a time: rays a step, levels, where the rays go, instruction set, with --opencl "
           "devices,\n"
-          "with --double precision; bf16 where there is avx512bf16. One training is as published: --ray-sampling "
+          "with --double precision; bf16 where there is avx512bf16. One training is as published: ray_sampling "
           "uniform and\n"
           "a refresh of the whole occupancy grid every 16 steps. DIR gets training.md, .csv, .json and the curves as "
           "training_seconds,\n"

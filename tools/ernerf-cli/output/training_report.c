@@ -148,7 +148,7 @@ static void add_table(const struct training_study *study, struct bytes *text) {
               "the earliest.\n"
               "The mouth's motion is explained by 1 where the rendered mouth moves as the recorded one; -: not known "
               "without\n"
-              "landmarks of three validation frames in which it moves. As published: --ray-sampling uniform, and a\n"
+              "landmarks of three validation frames in which it moves. As published: ray_sampling uniform, and a\n"
               "refresh of the whole occupancy grid every 16 steps. As train --time: small steps, the average of the "
               "weights, pruning, refined poses.\n\n"
               "| training | steps | steps/s | PSNR at the end, dB | mouth's motion explained at the end |",

@@ -24,7 +24,16 @@ static bool asks_auto(const struct train_job *job) { return strcmp(job->effects_
 static int check_effects(struct train_job *job, const struct args *args) {
   const int status = effects_read(args, job->effects_list, &job->effects);
   if (status < 0 && !job->effects.has[EFFECT_CODES] && job->config.codes > 0)
-    return args_refuse(args, "--ind_num is %d, but --effects has no codes", job->config.codes);
+    return args_refuse(args, "--set codes is %d, but --effects has no codes", job->config.codes);
+  return status;
+}
+
+/* A torso takes no options of a head. */
+static int check_torso_usage(const struct train_job *job, const struct args *args) {
+  static const char why[] = "is about the head, which --torso does not change";
+  int status = args_forbid(args, "for effects speech-augment " FINE_STAGE_NAMES, why);
+  if (status < 0) status = args_forbid_settings(args, &job->chosen, ERN_SCOPE_HEAD, why);
+  if (status < 0) status = args_forbid_settings(args, &job->chosen, ERN_SCOPE_FINE, why);
   return status;
 }
 
@@ -38,29 +47,25 @@ static int check_usage(struct train_job *job, const struct args *args) {
   if (config->torso && job->head_path == NULL) status = args_refuse(args, "--torso needs the head: --head MODEL");
   if (!config->torso) status = args_forbid(args, "head force", "is about the torso, so it needs --torso");
   if (status < 0 && !config->torso && !(job->seconds > 0))
-    status = args_forbid(args, "torso-gamma torso_shrink torso-background",
-                         "is about the torso, so it needs --torso or --time");
-  if (status < 0 && config->torso)
-    status = args_forbid(
-        args,
-        "for levels bound ind_num effects backbone attention eye-attention ray-sampling head-background refine-poses "
-        "no-refine-poses " FINE_STAGE_NAMES " " SPEECH_AUGMENTATION_NAMES,
-        "is about the head, which --torso does not change");
-  if (status < 0 && args_given(args, "for")) status = args_forbid(args, "ray-sampling", "and --for both choose rays");
-  if (status < 0 && job->purpose == FOR_DUB)
     status =
-        args_forbid(args, "torso-gamma torso_shrink torso-background", "is about the torso, which --for dub lacks");
+        args_forbid_settings(args, &job->chosen, ERN_SCOPE_TORSO, "is about the torso, so it needs --torso or --time");
+  if (status < 0 && config->torso) status = check_torso_usage(job, args);
+  if (status < 0 && args_given(args, "for"))
+    status = args_forbid_setting(args, &job->chosen, "ray_sampling", "and --for both choose rays");
+  if (status < 0 && job->purpose == FOR_DUB)
+    status = args_forbid_settings(args, &job->chosen, ERN_SCOPE_TORSO, "is about the torso, which --for dub lacks");
   if (status < 0 && job->source.features != NULL)
     status = args_forbid(args, "asr_model", "chooses the clip's speech, not --audio");
-  if (status < 0 && (job->backbone == ERN_BACKBONE_TRIPLANE || job->backbone == ERN_BACKBONE_MLP))
-    status = args_forbid(args, "levels", "is about hash grids, which this --backbone has none of");
+  if (status < 0 && (config->backbone == ERN_BACKBONE_TRIPLANE || config->backbone == ERN_BACKBONE_MLP))
+    status = args_forbid_setting(args, &job->chosen, "levels", "is about hash grids, which this backbone has none of");
   if (status < 0 && !asks_auto(job)) status = check_effects(job, args);
-  if (status < 0) status = fine_stage_check(&job->fine, args, config, job->paper);
+  if (status < 0) status = fine_stage_check(&job->fine, args, &job->chosen, job->paper);
   if (status < 0 && config->resume) status = args_forbid(args, "from", "and --resume both say where to start");
   if (status < 0 && job->paper) status = args_forbid(args, "time resume", "and --paper both say how it is trained");
   if (status < 0 && job->seconds > 0)
-    status =
-        args_forbid(args, "iters save-every validate-every fine-steps", "counts steps, and --time says when it ends");
+    status = args_forbid(args, "iters save-every validate-every", "counts steps, and --time says when it ends");
+  if (status < 0 && job->seconds > 0)
+    status = args_forbid_setting(args, &job->chosen, "fine_steps", "counts steps, and --time says when it ends");
   return status;
 }
 
@@ -105,92 +110,85 @@ static int choose_effects(struct train_job *job) {
 }
 
 /* Puts the effects into the configuration of a head; a torso adopts those of its head. */
-static void take_effects(struct train_job *job, const struct args *args, ern_dataset *dataset) {
+static void take_effects(struct train_job *job, ern_dataset *dataset) {
   const bool *has = job->effects.has;
   if (job->config.torso) return;
   dataset->has_eye = dataset->has_eye && has[EFFECT_EYE];
   dataset->has_torso = dataset->has_torso && has[EFFECT_TORSO];
   job->config.no_view = !has[EFFECT_VIEW];
-  if (!has[EFFECT_CODES] && !args_given(args, "ind_num")) job->config.codes = 0;
+  if (!has[EFFECT_CODES] && !setting_given(&job->chosen, "codes")) job->config.codes = 0;
   job->effects.has[EFFECT_EYE] = dataset->has_eye;
   job->effects.has[EFFECT_TORSO] = dataset->has_torso;
   job->effects.has[EFFECT_CODES] = job->config.codes != 0;
 }
 
 /* The schedule of the public code for the coarse stage; iters and rays are the defaults. */
-static void follow_paper(const struct args *args, ern_train_config *config) {
-  if (!args_given(args, "refresh-every")) config->refresh_every = 16;
-  if (!args_given(args, "ray-sampling") && !args_given(args, "for")) config->ray_sampling = ERN_RAY_SAMPLING_UNIFORM;
-  if (!args_given(args, "torso-background")) config->torso_random_background = false;
-  if (!args_given(args, "head-background")) config->head_random_background = false;
+static void follow_paper(const struct setting_choice *chosen, bool for_given, ern_train_config *config) {
+  if (!setting_given(chosen, "refresh_every")) config->refresh_every = 16;
+  if (!setting_given(chosen, "ray_sampling") && !for_given) config->ray_sampling = ERN_RAY_SAMPLING_UNIFORM;
+  if (!setting_given(chosen, "torso_random_background")) config->torso_random_background = false;
+  if (!setting_given(chosen, "head_random_background")) config->head_random_background = false;
 }
 
 /* With --time, the best settings for a limited time (docs/history-small-steps.md) for options that were not given. */
-static void choose_timed(const struct train_job *job, const struct args *args, ern_train_config *config) {
+static void choose_timed(const struct train_job *job, ern_train_config *config) {
+  const struct setting_choice *chosen = &job->chosen;
   const bool at_once = job->session.backend_choice == SESSION_OPENCL || job->distributed.world.communicator.size > 1;
-  if (!args_given(args, "rays")) config->rays = at_once || config->torso ? TIMED_RAYS_AT_ONCE : TIMED_RAYS;
-  if (!args_given(args, "ema") && !args_given(args, "no-ema")) config->ema = true;
-  if (!args_given(args, "ema-every")) config->ema_every = TIMED_EMA_EVERY;
+  if (!setting_given(chosen, "rays")) config->rays = at_once || config->torso ? TIMED_RAYS_AT_ONCE : TIMED_RAYS;
+  if (!setting_given(chosen, "ema")) config->ema = true;
+  if (!setting_given(chosen, "ema_every")) config->ema_every = TIMED_EMA_EVERY;
   if (config->torso) return;
-  if (!args_given(args, "frames-per-step") && at_once)
+  if (!setting_given(chosen, "frames_per_step") && at_once)
     config->frames_per_step = config->rays < TIMED_FRAMES_AT_ONCE ? config->rays : TIMED_FRAMES_AT_ONCE;
-  if (!args_given(args, "prune-occupancy")) config->prune_share = TIMED_PRUNE_SHARE;
-  if (!args_given(args, "refine-poses") && !args_given(args, "no-refine-poses")) config->refine_poses = true;
+  if (!setting_given(chosen, "prune_share")) config->prune_share = TIMED_PRUNE_SHARE;
+  if (!setting_given(chosen, "refine_poses")) config->refine_poses = true;
 }
 
 /* With several processes and without the option, divides a step into enough parts for all of them. */
-static void choose_parts(struct train_job *job, const struct args *args) {
+static void choose_parts(struct train_job *job) {
   enum { PARTS = 4 };
   ern_train_config *config = &job->config;
   const int processes = job->distributed.world.communicator.size;
   config->communicator = distributed_communicator(&job->distributed);
-  if (processes > 1 && !args_given(args, "step-parts") && config->step_parts == 1)
+  if (processes > 1 && !setting_given(&job->chosen, "step_parts") && config->step_parts == 1)
     config->step_parts = processes > PARTS ? processes : PARTS;
 }
 
 static void fill_config(struct train_job *job, const struct args *args) {
   ern_train_config *config = &job->config;
-  config->iters = job->iters;
   config->seconds = job->seconds;
-  config->ema_every = job->ema_every;
-  if (job->seconds > 0) choose_timed(job, args, config);
+  if (job->seconds > 0) choose_timed(job, config);
   config->overwrite = job->session.overwrite;
-  config->save_every = job->save_every;
-  config->refresh_every = job->refresh_every;
   config->seed = job->session.seed;
-  if (job->has_state) inherit_state(args, &job->state, &job->from, config);
+  if (job->has_state) inherit_state(args, &job->chosen, &job->state, &job->from);
   const uint64_t tenth = config->iters / 10;
-  config->validate_every = args_given(args, "validate-every") ? job->validate_every
-                           : tenth > VALIDATE_MOST            ? VALIDATE_MOST
-                           : tenth < VALIDATE_LEAST           ? VALIDATE_LEAST
-                                                              : tenth;
+  if (!setting_given(&job->chosen, "validate_every"))
+    config->validate_every = tenth > VALIDATE_MOST ? VALIDATE_MOST : tenth < VALIDATE_LEAST ? VALIDATE_LEAST : tenth;
   config->threads = job->session.threads;
-  config->audio_pad = (ern_audio_pad)job->audio_pad;
-  if (args_given(args, "ray-sampling"))
-    config->ray_sampling = job->ray_sampling == 0 ? ERN_RAY_SAMPLING_REGIONS : ERN_RAY_SAMPLING_UNIFORM;
   if (args_given(args, "for"))
     config->ray_sampling = job->purpose == FOR_DUB ? ERN_RAY_SAMPLING_DUB : ERN_RAY_SAMPLING_REGIONS;
-  if (args_given(args, "head-background")) config->head_random_background = job->head_background == 0;
-  if (args_given(args, "torso-background")) config->torso_random_background = job->torso_background == 0;
-  fine_stage_choose(&job->fine, args, job->has_state, config);
-  if (job->paper) follow_paper(args, config);
+  fine_stage_choose(&job->fine, args, &job->chosen, job->has_state);
+  if (job->paper) follow_paper(&job->chosen, args_given(args, "for"), config);
   if (job->paper) fine_stage_follow_paper(&job->fine, args, config);
   if (args_given(args, "precision") && !job->trains_torso_next) /* that torso's is fp32 */
     config->precision = (ern_precision)(ERN_PRECISION_FP32 + job->precision);
   config->head = job->head;
-  config->backbone = (ern_backbone)job->backbone;
-  config->attention = (ern_attention)job->attention;
-  config->eye_attention = (ern_eye_attention)job->eye_attention;
   if (job->has_from) {
     const size_t frames = job->clip_info.frames[ERN_SPLIT_TRAIN];
-    inherit_model(args, &job->from, !asks_auto(job), config);
-    if (config->from != NULL && !args_given(args, "ind_num") && config->codes > 0 && (size_t)config->codes < frames)
+    inherit_model(&job->chosen, &job->from, asks_auto(job));
+    if (config->from != NULL && !setting_given(&job->chosen, "codes") && config->codes > 0 &&
+        (size_t)config->codes < frames)
       config->codes = (int)frames; /* has more frames */
-    inherit_camera_settings(args, &job->from, job->from.has_torso || job->has_state, config, &job->scale);
+    inherit_camera_settings(args, &job->chosen, &job->from, job->from.has_torso || job->has_state, &job->scale);
   }
-  if (job->head != NULL) inherit_head(args, job->head, config, &job->scale);
-  choose_parts(job, args);
-  if (args_given(args, "lr_net")) config->lr_att = 5 * config->lr_net;
+  if (job->head != NULL) {
+    ern_model_info head;
+    ern_model_describe(job->head, &head);
+    inherit_camera_settings(args, &job->chosen, &head, false, &job->scale);
+  }
+  choose_parts(job);
+  if (setting_given(&job->chosen, "lr_net") && !setting_given(&job->chosen, "lr_att"))
+    config->lr_att = 5 * config->lr_net;
   if (args_given(args, "data_range")) {
     config->data_begin = (size_t)job->data.begin;
     config->data_end = job->data.open_end ? job->clip_info.frames[ERN_SPLIT_TRAIN] : (size_t)job->data.end;
@@ -206,9 +204,6 @@ static int open_clip(struct train_job *job, const struct args *args) {
   if (inherit_speech(&job->session, job->head, job->head_path, job->has_from ? &job->from : NULL, earlier, job->clip) !=
       0)
     return EXIT_FAILURE;
-  const int status =
-      job->config.torso ? 0 : speech_augmentation_make(&job->speech, &job->session, args, job->paper, job->clip);
-  if (status != 0) return status;
   const size_t frames = job->clip_info.frames[ERN_SPLIT_TRAIN];
   if (args_given(args, "data_range") && (job->data.begin >= frames || (!job->data.open_end && job->data.end > frames)))
     return args_refuse(
@@ -309,20 +304,22 @@ static int open_all(struct train_job *job, const struct args *args) {
   if (status != 0) return status;
   fill_config(job, args);
   if (job->has_state && !job->config.torso)
-    status = fine_stage_check_resumed(args, session, &job->state, &job->fine, &job->config);
+    status = fine_stage_check_resumed(args, &job->chosen, session, &job->state, &job->fine);
   if (status == 0) status = fine_stage_open(&job->fine, session, &job->config);
   if (status != 0) return status;
   if ((status = choose_effects(job)) != 0) return status;
   if (job->config.ray_sampling == ERN_RAY_SAMPLING_DUB && !job->config.torso && !job->clip_info.has_landmarks)
     return session_fail_with(session, "%s: has no landmarks (ori_imgs/ID.lms), and --for dub needs them",
                              job->source.path);
-  if (args_given(args, "head-background") && job->head_background == 0 && !job->clip_info.has_parsing)
-    return session_fail_with(session, "%s/parsing: is missing, and --head-background random needs it",
+  if (setting_given(&job->chosen, "head_random_background") && job->config.head_random_background &&
+      !job->clip_info.has_parsing)
+    return session_fail_with(session, "%s/parsing: is missing, and --set head_random_background=yes needs it",
                              job->source.path);
   ern_clip_dataset(job->clip, &dataset);
-  dataset.copy_share = job->speech.share;
-  dataset.speech_noise = job->config.torso ? 0 : job->speech.noise;
-  take_effects(job, args, &dataset);
+  if (job->paper && !args_given(args, "speech-augment")) job->speech.off = true;
+  if (!job->config.torso) status = speech_augmentation_make(&job->speech, session, job->clip, &dataset);
+  if (status != 0) return status;
+  take_effects(job, &dataset);
   if (job->seconds > 0 && !job->config.torso && (status = head_and_torso_plan(job, args)) != 0) return status;
   dataset.scale = job->scale;
   if (session_backend(session) != ERN_OK) return session_fail(session);
@@ -437,7 +434,7 @@ static int train_portrait(struct train_job *job, const struct args *args) {
 int cmd_train(int argc, char **argv) {
   struct train_job job;
   struct option goal[TRAIN_GOAL_OPTIONS], numbers[TRAIN_NUMBER_OPTIONS], clip[TRAIN_CLIP_OPTIONS],
-      fine[FINE_STAGE_OPTIONS];
+      fine[FINE_STAGE_OPTIONS], published[TRAIN_PUBLIC_OPTIONS];
   struct word words[] = {
       {"CLIP", &job.source.path, "folder of a preprocessed clip; `ernerf check CLIP` lists what it has"}};
   struct args args = {
@@ -459,12 +456,14 @@ int cmd_train(int argc, char **argv) {
       .groups = {{"What is trained, and where to:", goal, TRAIN_GOAL_OPTIONS},
                  {"Of the clip:", clip, TRAIN_CLIP_OPTIONS},
                  {"How:", numbers, TRAIN_NUMBER_OPTIONS},
-                 {"The fine stage of a head:", fine, FINE_STAGE_OPTIONS}}};
+                 {"The fine stage of a head:", fine, FINE_STAGE_OPTIONS},
+                 {NULL, published, TRAIN_PUBLIC_OPTIONS}}};
   train_set_defaults(&job);
   train_goal_options(&job, goal);
   train_clip_options(&job, clip);
   train_number_options(&job, numbers);
-  fine_stage_options(&job.fine, &job.config, fine);
+  fine_stage_options(&job.fine, fine);
+  train_public_options(&job, published);
   int status = args_parse(&args, argc, argv);
   if (status < 0) status = check_usage(&job, &args);
   if (status < 0) status = speech_model_check(&job.source.speech_model, &args, job.source.features);

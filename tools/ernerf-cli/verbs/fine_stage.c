@@ -10,7 +10,7 @@ enum { LOSS_SSIM, LOSS_LPIPS };
 static const double timed_share = 0.2;            /* share of the head's time */
 static const float published_lips_weight = 0.01f; /* weight of LPIPS on the lips */
 
-void fine_stage_options(struct fine_stage *fine, ern_train_config *config, struct option options[FINE_STAGE_OPTIONS]) {
+void fine_stage_options(struct fine_stage *fine, struct option options[FINE_STAGE_OPTIONS]) {
   *fine = (struct fine_stage){.stage = STAGE_COARSE};
   const struct option rows[] = {
       {.name = "stage",
@@ -22,53 +22,35 @@ void fine_stage_options(struct fine_stage *fine, ern_train_config *config, struc
                "last fifth of the head's time, or with --resume or --from in all of the rest. With 2048 rays a step "
                "mostly sharper and the mouth less accurate, with the 512 of --time a lower PSNR (default coarse, with "
                "--resume as before)"},
-      {.name = "fine-steps",
-       .kind = OPTION_COUNT,
-       .target = &config->fine_steps,
-       .low = 0,
-       .high = 1e12,
-       .help = "the last N steps of --iters are the fine stage (default 0)"},
-      {.name = "patch-size",
-       .alias = "patch_size",
-       .kind = OPTION_INT,
-       .target = &config->patch_size,
-       .low = 16,
-       .high = 64,
-       .help = "pixels a side of its patches, a multiple of 16 (default 32)"},
       {.name = "fine-loss",
        .kind = OPTION_CHOICE,
        .target = &fine->loss,
        .choices = "ssim|lpips",
        .help = "loss of the patches: ssim: structural similarity at three scales; lpips: LPIPS, as published, with "
-               "--lpips-network and --lpips-heads (default ssim)"},
-      {.name = "fine-weight",
-       .kind = OPTION_FLOAT,
-       .target = &config->fine_weight,
-       .low = 0,
-       .high = 1000,
-       .help = "weight of that loss, which is added to the others"},
-      {.name = "fine-lips-weight",
-       .kind = OPTION_FLOAT,
-       .target = &config->fine_lips_weight,
-       .low = 0,
-       .high = 1000,
-       .help = "the same in patches of the lips (default: --fine-weight; with --fine-loss lpips 0.01, as published)"}};
+               "--lpips-network and --lpips-heads (default ssim)"}};
   ARGS_FILL(options, rows, FINE_STAGE_OPTIONS - LPIPS_OPTIONS);
   lpips_weights_options(&fine->weights, options + FINE_STAGE_OPTIONS - LPIPS_OPTIONS);
 }
 
-static const char details[] = "patch-size fine-weight fine-lips-weight fine-loss lpips-network lpips-heads";
+/* Refuses settings of the fine stage, and the options of its loss, where there is none. */
+static int forbid_details(const struct args *args, const struct setting_choice *chosen, const char *why) {
+  const int status = args_forbid(args, "fine-loss lpips-network lpips-heads", why);
+  return status < 0 ? args_forbid_settings(args, chosen, ERN_SCOPE_FINE, why) : status;
+}
 
-int fine_stage_check(const struct fine_stage *fine, const struct args *args, const ern_train_config *config,
+int fine_stage_check(const struct fine_stage *fine, const struct args *args, const struct setting_choice *chosen,
                      bool paper) {
+  const ern_train_config *config = chosen->config;
   int status = lpips_weights_check(&fine->weights, args);
   const bool published = paper && fine->loss == LOSS_LPIPS;
-  if (status < 0 && paper) status = args_forbid(args, "stage fine-steps", "and --paper both say how it is trained");
+  if (status < 0 && paper) status = args_forbid(args, "stage", "and --paper both say how it is trained");
+  if (status < 0 && paper)
+    status = args_forbid_setting(args, chosen, "fine_steps", "and --paper both say how it is trained");
   if (status < 0 && fine->stage == STAGE_COARSE && config->fine_steps == 0 && !config->resume && !published)
-    status = args_forbid(args, details,
-                         "is about the fine stage, which is off; expected --stage fine or --fine-steps N too");
+    status = forbid_details(args, chosen,
+                            "is about the fine stage, which is off; expected --stage fine or --set fine_steps=N too");
   if (status < 0 && args_given(args, "stage"))
-    status = args_forbid(args, "fine-steps", "and --stage both say when the fine stage begins");
+    status = args_forbid_setting(args, chosen, "fine_steps", "and --stage both say when the fine stage begins");
   if (status < 0 && fine->loss == LOSS_SSIM)
     status = args_forbid(args, "lpips-network lpips-heads", "is for --fine-loss lpips");
   if (status < 0 && fine->loss == LOSS_LPIPS && fine->weights.network == NULL)
@@ -82,18 +64,21 @@ void fine_stage_follow_paper(const struct fine_stage *fine, const struct args *a
   config->fine_steps = config->iters / 5;
 }
 
-void fine_stage_choose(const struct fine_stage *fine, const struct args *args, bool resumed, ern_train_config *config) {
+void fine_stage_choose(const struct fine_stage *fine, const struct args *args, const struct setting_choice *chosen,
+                       bool resumed) {
+  ern_train_config *config = chosen->config;
   const bool given = args_given(args, "stage"), wanted = fine->stage == STAGE_FINE;
   if (config->torso) return;
   if (given && config->seconds > 0)
     config->fine_share = !wanted ? 0 : resumed || config->from != NULL ? 1 : timed_share;
   if (given && !(config->seconds > 0)) config->fine_steps = wanted ? ERN_FINE_ALL : 0;
-  if (!args_given(args, "fine-lips-weight") && (!resumed || args_given(args, "fine-weight")))
+  if (!setting_given(chosen, "fine_lips_weight") && (!resumed || setting_given(chosen, "fine_weight")))
     config->fine_lips_weight = fine->loss == LOSS_LPIPS ? published_lips_weight : config->fine_weight;
 }
 
-int fine_stage_check_resumed(const struct args *args, struct session *session, const ern_train_state *state,
-                             const struct fine_stage *fine, const ern_train_config *config) {
+int fine_stage_check_resumed(const struct args *args, const struct setting_choice *chosen, struct session *session,
+                             const ern_train_state *state, const struct fine_stage *fine) {
+  const ern_train_config *config = chosen->config;
   const uint64_t from = state->iters - state->fine_steps;
   if (args_given(args, "stage") && fine->stage == STAGE_COARSE && state->fine_steps > 0 && state->step > from)
     return session_fail_with(session,
@@ -101,9 +86,9 @@ int fine_stage_check_resumed(const struct args *args, struct session *session, c
                              ", and does not leave it; expected --stage fine, or neither",
                              config->output, from);
   if (state->fine_steps > 0 || config->fine_steps > 0 || config->fine_share > 0) return 0;
-  const int status = args_forbid(
-      args, details,
-      "is about the fine stage, which this training does not have; expected --stage fine or --fine-steps N too");
+  const int status = forbid_details(
+      args, chosen,
+      "is about the fine stage, which this training does not have; expected --stage fine or --set fine_steps=N too");
   return status < 0 ? 0 : status;
 }
 

@@ -78,7 +78,7 @@ int head_and_torso_plan(struct train_job *job, const struct args *args) {
                              job->head_output);
   if (!job->effects.has[EFFECT_TORSO] || dub) {
     const int status =
-        args_forbid(args, "torso-gamma torso_shrink torso-background", "is about the torso, and there is none");
+        args_forbid_settings(args, &job->chosen, ERN_SCOPE_TORSO, "is about the torso, and there is none");
     return status < 0 ? 0 : status;
   }
   if (job->head_alone)

@@ -2,71 +2,66 @@
 #include "verbs/inherit.h"
 
 #include <inttypes.h>
+#include <string.h>
 
 #include "session/speech_model.h"
 
-void inherit_model(const struct args *args, const ern_model_info *model, bool chosen, ern_train_config *config) {
-  if (!args_given(args, "levels")) config->levels = model->levels;
-  if (!args_given(args, "ind_num") && !chosen) config->codes = model->codes;
-  if (!args_given(args, "bound")) config->bound = model->bound;
-  if (!args_given(args, "backbone")) config->backbone = model->backbone;
-  if (!args_given(args, "attention")) config->attention = model->attention;
-  if (!args_given(args, "eye-attention")) config->eye_attention = model->eye_attention;
+/* The member of the configuration becomes the model's, unless it was on the command line. */
+#define FROM_MODEL(member) \
+  if (!setting_given(chosen, #member)) config->member = model->member
+
+void inherit_model(const struct setting_choice *chosen, const ern_model_info *model, bool codes) {
+  ern_train_config *config = chosen->config;
+  FROM_MODEL(levels);
+  FROM_MODEL(bound);
+  FROM_MODEL(backbone);
+  FROM_MODEL(attention);
+  FROM_MODEL(eye_attention);
+  if (codes) FROM_MODEL(codes);
 }
 
-void inherit_camera_settings(const struct args *args, const ern_model_info *model, bool torso, ern_train_config *config,
-                             float *scale) {
+void inherit_camera_settings(const struct args *args, const struct setting_choice *chosen, const ern_model_info *model,
+                             bool torso, float *scale) {
+  ern_train_config *config = chosen->config;
   if (!model->has_view_settings) return;
   if (!args_given(args, "scale")) *scale = model->scale;
-  if (!args_given(args, "dt_gamma")) config->dt_gamma = model->dt_gamma;
-  if (!args_given(args, "max_steps")) config->max_steps = model->max_steps;
-  if (!args_given(args, "audio-pad")) config->audio_pad = model->audio_pad;
-  if (torso && !args_given(args, "torso_shrink")) config->torso_shrink = model->torso_shrink;
+  FROM_MODEL(dt_gamma);
+  FROM_MODEL(max_steps);
+  FROM_MODEL(audio_pad);
+  if (torso) FROM_MODEL(torso_shrink);
 }
 
-void inherit_head(const struct args *args, const ern_model *head, ern_train_config *config, float *scale) {
-  ern_model_info info;
-  ern_model_describe(head, &info);
-  inherit_camera_settings(args, &info, false, config, scale);
+/* Whether an option decides a setting that the state has too. */
+static bool is_decided(const struct args *args, const struct setting_choice *chosen, const ern_setting *s,
+                       const ern_train_state *state, const ern_train_config *config) {
+  static const struct {
+    const char *setting, *option;
+  } deciding[] = {{"seed", "seed"},    {"data_begin", "data_range"}, {"data_end", "data_range"}, {"seconds", "iters"},
+                  {"seconds", "time"}, {"ray_sampling", "for"},      {"fine_share", "stage"},    {"lr_att", "lr_net"}};
+  if (setting_given(chosen, s->name) || strcmp(s->name, "precision") == 0) return true; /* the library's to resume */
+  if (strcmp(s->name, "frames_per_step") == 0 && state->torso != config->torso) return true;
+  if (strcmp(s->name, "fine_share") == 0 && setting_given(chosen, "fine_steps")) return true;
+  for (size_t i = 0; i < sizeof deciding / sizeof *deciding; i++)
+    if (strcmp(s->name, deciding[i].setting) == 0 && args_given(args, deciding[i].option)) return true;
+  return false;
 }
 
-void inherit_state(const struct args *args, const ern_train_state *state, const ern_model_info *model,
-                   ern_train_config *config) {
-  if (!args_given(args, "seed")) config->seed = state->seed;
-  if (!args_given(args, "rays") && state->rays > 0) config->rays = state->rays;
-  if (!args_given(args, "torso-gamma")) config->torso_gamma = state->torso_gamma || (state->torso && model->has_gamma);
-  if (!state->has_settings) return;
-  if (!args_given(args, "head-background")) config->head_random_background = state->head_random_background;
-  if (!args_given(args, "torso-background")) config->torso_random_background = state->torso_random_background;
-  if (!args_given(args, "iters")) config->iters = state->iters;
-  if (!args_given(args, "iters") && !args_given(args, "time")) config->seconds = state->budget;
-  if (!args_given(args, "lr")) config->lr = state->lr;
-  if (!args_given(args, "lr_net")) {
-    config->lr_net = state->lr_net;
-    config->lr_att = state->lr_att;
+void inherit_state(const struct args *args, const struct setting_choice *chosen, const ern_train_state *state,
+                   const ern_model_info *model) {
+  ern_train_config *config = chosen->config;
+  const ern_setting *s;
+  char text[ERN_SETTING_TEXT_BYTES];
+  if (!state->has_settings) {
+    if (!setting_given(chosen, "torso_gamma")) config->torso_gamma = state->torso && model->has_gamma;
+    return;
   }
-  if (!args_given(args, "refresh-every")) config->refresh_every = state->refresh_every;
-  if (!args_given(args, "ema") && !args_given(args, "no-ema")) config->ema = state->ema;
-  if (!args_given(args, "frames-per-step") && state->torso == config->torso)
-    config->frames_per_step = state->frames_per_step;
-  if (!args_given(args, "prune-occupancy")) config->prune_share = state->prune_share;
-  if (!args_given(args, "step-parts")) config->step_parts = state->step_parts;
-  if (!args_given(args, "ray-sampling") && !args_given(args, "for")) config->ray_sampling = state->ray_sampling;
-  if (!args_given(args, "stage") && !args_given(args, "fine-steps")) {
-    config->fine_steps = config->seconds > 0 ? 0 : state->fine_steps;
-    config->fine_share = state->fine_share;
+  for (size_t i = 0; (s = ern_train_setting(i)) != NULL; i++) {
+    if (s->resume == ERN_RESUME_FREE || is_decided(args, chosen, s, state, config)) continue;
+    ern_setting_write(s, &state->config, text);
+    (void)ern_setting_read(s, text, config);
   }
-  if (!args_given(args, "patch-size") && state->patch_size > 0) config->patch_size = state->patch_size;
-  if (!args_given(args, "fine-weight") && state->patch_size > 0) config->fine_weight = state->fine_weight;
-  if (!args_given(args, "fine-lips-weight") && state->patch_size > 0)
-    config->fine_lips_weight = state->fine_lips_weight;
-  if (!args_given(args, "refine-poses") && !args_given(args, "no-refine-poses"))
-    config->refine_poses = state->refine_poses;
-  if (!args_given(args, "ema-every")) config->ema_every = state->ema_every;
-  if (!args_given(args, "data_range")) {
-    config->data_begin = state->data_begin;
-    config->data_end = state->data_end;
-  }
+  if (!args_given(args, "stage") && !setting_given(chosen, "fine_steps"))
+    config->fine_steps = config->seconds > 0 ? 0 : state->config.fine_steps;
 }
 
 int inherit_frames(const struct args *args, struct session *session, const ern_train_state *state,

@@ -8,20 +8,18 @@
 #include "ernerf/media.h"
 #include "ernerf/train.h"
 #include "session/session.h"
+#include "setting_choice.h"
 
-/* Copies the architecture of the model. chosen: --effects decides whether the model has codes. */
-void inherit_model(const struct args *args, const ern_model_info *model, bool chosen, ern_train_config *config);
+/* Copies the architecture of the model into the configuration; `codes`: the number of its individual codes too. */
+void inherit_model(const struct setting_choice *chosen, const ern_model_info *model, bool codes);
 
 /* Copies the camera settings of the model where its file has them; torso: those of its torso too. */
-void inherit_camera_settings(const struct args *args, const ern_model_info *model, bool torso, ern_train_config *config,
-                             float *scale);
+void inherit_camera_settings(const struct args *args, const struct setting_choice *chosen, const ern_model_info *model,
+                             bool torso, float *scale);
 
-/* Copies the camera settings of the head below which a torso is trained. */
-void inherit_head(const struct args *args, const ern_model *head, ern_train_config *config, float *scale);
-
-/* Copies steps, learning rates, rays, seed, intervals and frames from the resumed state. */
-void inherit_state(const struct args *args, const ern_train_state *state, const ern_model_info *model,
-                   ern_train_config *config);
+/* Copies all settings that the resumed state keeps. */
+void inherit_state(const struct args *args, const struct setting_choice *chosen, const ern_train_state *state,
+                   const ern_model_info *model);
 
 /* Fails if the clip has fewer training frames than the resumed state was trained on. */
 int inherit_frames(const struct args *args, struct session *session, const ern_train_state *state,

@@ -7,23 +7,16 @@
 #include "session/session.h"
 
 struct speech_augmentation {
-  /* from the command line */
-  int copies;        /* 0: none */
-  struct pair range; /* of the factor that scales the frequencies */
-  float share;       /* share of the steps that train on a copy */
-  float noise;       /* ern_dataset.speech_noise */
+  int off; /* index into the choices of --speech-augment */
 };
 
-#define SPEECH_AUGMENTATION_NAMES "speech-copies speech-warp speech-share speech-noise"
-enum { SPEECH_AUGMENTATION_OPTIONS = 4 };
-/* The defaults, and --speech-copies --speech-warp --speech-share --speech-noise. */
+enum { SPEECH_AUGMENTATION_OPTIONS = 1 };
 void speech_augmentation_options(struct speech_augmentation *speech,
                                  struct option options[SPEECH_AUGMENTATION_OPTIONS]);
 
-/* Makes the copies if the clip's features are computed from a sound. Otherwise makes none, with a message if they were
- * requested. Options that were not given depend on the clip's length; where `published`, they are off. Returns 0, or
- * EXIT_FAILURE after a message. */
-int speech_augmentation_make(struct speech_augmentation *speech, struct session *session, const struct args *args,
-                             bool published, ern_clip *clip);
+/* Makes the copies and sets the data's augmentation, as strong as the clip's length calls for, if the clip's features
+ * are computed from a sound. Returns 0, or EXIT_FAILURE after a message. */
+int speech_augmentation_make(const struct speech_augmentation *speech, struct session *session, ern_clip *clip,
+                             ern_dataset *dataset);
 
 #endif

@@ -10,15 +10,17 @@
 #include "session/clip_source.h"
 #include "session/effects.h"
 #include "session/session.h"
+#include "setting_choice.h"
 #include "verbs/distributed.h"
 #include "verbs/fine_stage.h"
 #include "verbs/speech_augmentation.h"
 #include "verbs/validations.h"
 
 enum {
-  TRAIN_GOAL_OPTIONS = 25,
-  TRAIN_NUMBER_OPTIONS = 28,
-  TRAIN_CLIP_OPTIONS = 1 + CLIP_SOURCE_OPTIONS + SPEECH_AUGMENTATION_OPTIONS
+  TRAIN_GOAL_OPTIONS = 16,
+  TRAIN_NUMBER_OPTIONS = 5 + SESSION_COMPUTE_OPTIONS + SESSION_SEED_OPTIONS + SESSION_OUTPUT_OPTIONS,
+  TRAIN_CLIP_OPTIONS = 1 + CLIP_SOURCE_OPTIONS + SPEECH_AUGMENTATION_OPTIONS,
+  TRAIN_PUBLIC_OPTIONS = 9
 };
 
 enum { FOR_PORTRAIT, FOR_DUB };
@@ -40,12 +42,11 @@ struct train_job {
   bool paper;
   struct speech_augmentation speech;
   struct validations validations;
-  struct effects effects; /* of the head; EFFECT_TORSO: whether a torso layer lies behind it */
-  uint64_t save_every, validate_every, ema_every, refresh_every, iters;
+  struct effects effects;       /* of the head; EFFECT_TORSO: whether a torso layer lies behind it */
+  struct setting_choice chosen; /* members of `config` that were on the command line */
   struct range data;
   float scale;
-  int purpose, audio_pad, backbone, attention, eye_attention, precision, ray_sampling, head_background,
-      torso_background; /* indices into the choices of their options */
+  int purpose, precision; /* indices into the choices of their options */
   struct fine_stage fine;
   ern_model_info from;   /* of --from, or of the resumed state */
   ern_train_state state; /* the resumed one */
@@ -63,9 +64,11 @@ struct train_job {
 
 void train_set_defaults(struct train_job *job);
 
-/* Options in three groups: what to train and where to write it; numbers of the training; the clip. */
+/* Options in four groups: what to train and where to write it; numbers of the training; the clip; the public program's
+ * names of settings, which the help leaves out. */
 void train_goal_options(struct train_job *job, struct option options[TRAIN_GOAL_OPTIONS]);
 void train_number_options(struct train_job *job, struct option options[TRAIN_NUMBER_OPTIONS]);
 void train_clip_options(struct train_job *job, struct option options[TRAIN_CLIP_OPTIONS]);
+void train_public_options(struct train_job *job, struct option options[TRAIN_PUBLIC_OPTIONS]);
 
 #endif
