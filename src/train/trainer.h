@@ -11,7 +11,7 @@
 #include "train/losses_ops.h"
 
 /* Shares of a head's rays that are drawn in each region, and of its frames that are drawn among those with shut eyes,
- * found by experiment (docs/history-training.md, docs/history-occupancy.md). */
+ * found by experiment (docs/results.md). */
 #define ERN_LOWER_FACE_SHARE 0.3f
 #define ERN_EYES_SHARE 0.1f
 #define ERN_SILHOUETTE_SHARE 0.1f

@@ -125,7 +125,7 @@ static void follow_paper(const struct args *args, ern_train_config *config) {
   if (!args_given(args, "head-background")) config->head_random_background = false;
 }
 
-/* With --time, the best settings for a limited time (docs/history-small-steps.md) for options that were not given. */
+/* With --time, the best settings for a limited time (docs/results.md) for options that were not given. */
 static void choose_timed(const struct train_job *job, const struct args *args, ern_train_config *config) {
   const bool at_once = job->session.backend_choice == SESSION_OPENCL || job->distributed.world.communicator.size > 1;
   if (!args_given(args, "rays")) config->rays = at_once || config->torso ? TIMED_RAYS_AT_ONCE : TIMED_RAYS;

@@ -6,7 +6,7 @@
 
 enum { MOST_COPIES = 16 };
 
-/* Found by experiment (docs/history-small-steps.md): training overfits a short speech; stronger copies and noise reduce
+/* Found by experiment (docs/results.md): training overfits a short speech; stronger copies and noise reduce
  * this. With a long speech they cost accuracy. */
 enum { SHORT_FRAMES = 1000 }; /* training frames, 40 s */
 static const struct speech_augmentation of_long = {.copies = 4, .range = {0.85f, 1.17f}, .share = 0.5f},
