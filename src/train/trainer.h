@@ -248,7 +248,7 @@ ERN_NODISCARD ern_status ern_trainer_windows(ern_trainer *t, int split, size_t f
 /* That of a training frame, frame k of the step, with data augmentation, uploaded to `windows` (taken from scratch). */
 ERN_NODISCARD ern_status ern_trainer_upload_windows(ern_trainer *t, size_t frame, size_t k, ern_span *windows);
 
-/* trainer_poses.c (docs/maths.md, "Poses") */
+/* trainer_poses.c (docs/poses.md) */
 /* Does nothing where config.refine_poses is not set. */
 ERN_NODISCARD ern_status ern_trainer_poses_make(ern_trainer *t);
 void ern_trainer_poses_free(ern_trainer *t);
