@@ -150,7 +150,7 @@ ERN_API void ern_model_refine(const ern_model *model, size_t index, float pose[1
 /* Corrects the pose of a frame that was not trained on, in place, by the corrections of the training frames near it in
  * time, and by what the model predicts from the pose: the correction (angles and move) is
  * (p + sum_i w_i c_i)/(1 + sum_i w_i), w_i = exp(-((frames[i] - frame)/3)^2/2), with c_i that of training frame i, and
- * p predicted by a regression that training made (docs/maths.md, "Poses"), 0 in a model without one. So a frame far
+ * p predicted by a regression that training made (docs/poses.md), 0 in a model without one. So a frame far
  * from all of them gets p. frames: [count] numbers of the training frames, in the order of ern_model_refine; any past
  * ern_model_info.cameras are ignored; they and `frame` are img_id, or count frames in another way; NULL where count is
  * 0, as for a new pose. The pose stays as it is where ern_model_info.cameras is 0. */

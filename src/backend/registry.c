@@ -19,7 +19,7 @@ void ern_backend_config_fill(ern_backend_config *config, size_t bytes) {
 }
 
 /* bf16 is the default where it is measured to be faster, on the condition that it costs a rendered frame less than 0.05
- * dB of PSNR. It costs at most 0.01 dB over five models (docs/history-rendering.md; tests/numerics/test_bf16_price.c
+ * dB of PSNR. It costs at most 0.01 dB over five models (docs/results.md; tests/numerics/test_bf16_price.c
  * checks the condition). */
 static ern_isa best_isa(void) {
   static const ern_isa order[] = {ERN_ISA_AVX512, ERN_ISA_AVX2, ERN_ISA_NEON};

@@ -9,7 +9,7 @@ enum { N = ERN_POSE_NUMBERS };
 _Static_assert(sizeof(struct ern_pose_regression) == ERN_POSE_REGRESSION_ROWS * N * sizeof(float), "a tensor");
 
 /* Weight of the squared slopes of a standardised number, relative to the mean squared error; found by experiment
- * (docs/history-small-steps.md). */
+ * (docs/results.md). */
 static const double ridge = 0.3;
 static const double most_number = 1e30; /* so that it fits into a float */
 

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  * Ridge regression of the corrections of the training poses on the poses, for frames that were not trained on
- * (docs/maths.md, "Poses"). */
+ * (docs/poses.md). */
 #ifndef ERN_MODEL_POSE_REGRESSION_H
 #define ERN_MODEL_POSE_REGRESSION_H
 

@@ -11,7 +11,7 @@
 #include "train/losses_ops.h"
 
 /* Shares of a head's rays that are drawn in each region, and of its frames that are drawn among those with shut eyes,
- * found by experiment (docs/history-training.md, docs/history-occupancy.md). */
+ * found by experiment (docs/results.md). */
 #define ERN_LOWER_FACE_SHARE 0.3f
 #define ERN_EYES_SHARE 0.1f
 #define ERN_SILHOUETTE_SHARE 0.1f
@@ -251,7 +251,7 @@ ERN_NODISCARD ern_status ern_trainer_windows(ern_trainer *t, int split, size_t f
 /* That of a training frame, frame k of the step, with data augmentation, uploaded to `windows` (taken from scratch). */
 ERN_NODISCARD ern_status ern_trainer_upload_windows(ern_trainer *t, size_t frame, size_t k, ern_span *windows);
 
-/* trainer_poses.c (docs/maths.md, "Poses") */
+/* trainer_poses.c (docs/poses.md) */
 /* Does nothing where config.refine_poses is not set. */
 ERN_NODISCARD ern_status ern_trainer_poses_make(ern_trainer *t);
 void ern_trainer_poses_free(ern_trainer *t);

@@ -12,7 +12,7 @@
 #include "train/step_ops.h"
 #include "train/trainer.h"
 
-static const double prune_from = 0.85; /* of the coarse steps, found by experiment (docs/history-occupancy.md) */
+static const double prune_from = 0.85; /* of the coarse steps, found by experiment (docs/results.md) */
 enum {
   FRAMES = 32,    /* training frames used, evenly spaced */
   STRIDE = 3,     /* every STRIDE-th pixel of a frame is used, in row order */

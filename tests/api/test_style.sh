@@ -28,6 +28,11 @@ fault 'blanks at the end of a line' < <(grep -nHE ' +$' "${texts[@]}" || true)
 fault 'a carriage return' < <(grep -nH $'\r' "${texts[@]}" || true)
 fault 'no newline at the end of the file' < <(perl -0777 -ne 'print "$ARGV\n" unless /\n\z/' "${texts[@]}")
 fault 'more than 600 lines' < <(wc -l "${code[@]}" | awk '$2 != "total" && $1 > 600 { print $2 ": " $1 }')
+# Tables, code, headings, HTML and lines with an address have no place to break.
+fault 'a line of more than 120 columns in a document' < <(
+  perl -CSD -ne '$code = 0 if $. == 1; $code = !$code if /^ *```/; chomp;
+    print "$ARGV:$.\n" if length > 120 && !$code && !m{^(?:\||#|<|    )|https?://};
+    close ARGV if eof' ./*.md docs/*.md)
 fault 'unfinished by its own words' < <(
   grep -nHE 'TODO|FIXME|XXX' "${texts[@]}" | grep -vE '^(tests/api/test_style\.sh|CONTRIBUTING\.md):' || true)
 fault 'the library prints or ends the process' < <(

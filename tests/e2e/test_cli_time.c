@@ -84,8 +84,7 @@ static void test_stopped_head_long(void **state) {
   cli_run(&cli, "train clip -o s.safetensors --resume");
   cli_expect(&cli, 1, "s.safetensors: has no saved state, but its head s.head.safetensors has one", NULL);
   cli_run(&cli, "train clip -o s.safetensors --validate-frames 1 --time 2s --resume --json -");
-  cli_expect(&cli, 0, "seconds was 0, going on with 1.66", "done, s.head.safetensors", "done, s.safetensors",
-             NULL);
+  cli_expect(&cli, 0, "seconds was 0, going on with 1.66", "done, s.head.safetensors", "done, s.safetensors", NULL);
   assert_true(has_torso("s.safetensors"));
 }
 

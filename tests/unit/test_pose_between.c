@@ -160,7 +160,7 @@ static void test_unseen(void **state) {
   ern_context_free(&context);
 }
 
-/* ---- the regression of the corrections on the poses (docs/maths.md, "Poses") ---- */
+/* ---- the regression of the corrections on the poses (docs/poses.md) ---- */
 
 enum { MANY = 50 };
 

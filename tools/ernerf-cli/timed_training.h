@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * Defaults with which `train --time` trains a head, found by experiment (docs/history-small-steps.md). */
+ * Defaults with which `train --time` trains a head, found by experiment (docs/results.md). */
 #ifndef ERN_CLI_TIMED_TRAINING_H
 #define ERN_CLI_TIMED_TRAINING_H
 

@@ -55,7 +55,7 @@ static void sum_rows(const ern_image *parsing, int reach, uint8_t *sums) {
 }
 
 /* The width of the unsure band. At the head's edge the camera mixed head and background, and the parsing is less
- * reliable. Measured with widths of 256 and 512: 1 and 2 pixels (docs/history-occupancy.md). */
+ * reliable. Measured with widths of 256 and 512: 1 and 2 pixels (docs/results.md). */
 static int edge_of(int width) {
   const int edge = (width + 128) / 256;
   return edge > 1 ? edge : 1;

@@ -12,7 +12,7 @@
 
 enum { SPEECH_FRAMES = 6, AUDIO_WINDOWS = 8, EVEN_STEPS = 128 /* up to so many a ray, all steps have one length */ };
 
-/* Costs less than 0.01 dB on every measured clip, and saves a sixth of the samples (docs/history-rendering.md). */
+/* Costs less than 0.01 dB on every measured clip, and saves a sixth of the samples (docs/results.md). */
 static const float TRANSMITTANCE_STOP = 3e-3f;
 
 void portrait_options(struct portrait *portrait, enum frame_source_split split,

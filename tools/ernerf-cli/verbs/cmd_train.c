@@ -130,7 +130,7 @@ static void follow_paper(const struct setting_choice *chosen, bool for_given, er
   if (!setting_given(chosen, "head_random_background")) config->head_random_background = false;
 }
 
-/* With --time, the best settings for a limited time (docs/history-small-steps.md) for options that were not given. */
+/* With --time, the best settings for a limited time (docs/results.md) for options that were not given. */
 static void choose_timed(const struct train_job *job, ern_train_config *config) {
   const struct setting_choice *chosen = &job->chosen;
   const bool at_once = job->session.backend_choice == SESSION_OPENCL || job->distributed.world.communicator.size > 1;

@@ -4,7 +4,7 @@
 #include <math.h>
 #include <stdlib.h>
 
-/* Found by experiment (docs/history-small-steps.md): training overfits a short speech; stronger copies and noise reduce
+/* Found by experiment (docs/results.md): training overfits a short speech; stronger copies and noise reduce
  * this. With a long speech they cost accuracy. */
 enum { SHORT_FRAMES = 1000 }; /* training frames, 40 s */
 struct strength {
