@@ -41,7 +41,7 @@ typedef enum ern_setting_scope {
   ERN_SCOPE_FINE   /* of a fine stage, once it has begun */
 } ern_setting_scope;
 
-/* A member of a configuration. The library's memory, constant; may grow. */
+/* A member of a configuration. Constant, in the library's memory. Plain data, may grow. */
 typedef struct ern_setting {
   const char *name;          /* the member's, such as "refresh_every" */
   ern_setting_type type;     /* its C type */

@@ -141,6 +141,9 @@ static ern_model *train(ern_context *context, ern_backend *backend, ern_clip *cl
                                .frame = give_frame,
                                .pixels = give_pixels};
   ern_train_config_fill(&config->it, sizeof config->it);
+  const ern_setting *setting = NULL;
+  for (size_t i = 0; (setting = ern_train_setting(i)) != NULL; i++)
+    if (strcmp(setting->name, "iters") == 0) printf("%s at %zu\n", setting->name, setting->at);
   config->it.output = path;
   config->it.iters = STEPS;
   config->it.rays = 256;
