@@ -77,7 +77,7 @@ batch() { sbatch --quiet --wait --time=5 "$@" || fail "$*: $(tail -n 3 ./*.log)"
 
 clip=$source/data/tiny frames=66 each=25
 "$ernerf" train "$clip" -o head.safetensors --iters 3 --rays 64 --levels 2 --threads 1 --quiet
-draw="--crf 0 --preset ultrafast --quiet" # without loss, so that pictures that were drawn alike are decoded alike
+draw="--crf 0 --set preset=ultrafast --quiet" # without loss, so that pictures that were drawn alike are decoded alike
 batch --array=0-2 "$scripts/segments.sbatch" head.safetensors "$clip" parts $frames $each $draw
 "$ernerf" join parts -o joined.mp4 --json join.json --quiet
 [ "$(jq .videos join.json)" = 3 ] || fail "$(cat join.json)"

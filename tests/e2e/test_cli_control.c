@@ -77,16 +77,16 @@ static void test_eye_curve(void **state) {
 static void test_hold(void **state) {
   (void)state;
   uint8_t *moving = raw("--audio hum.npy --fix_eye 0", WINDOWS);
-  uint8_t *held = raw("--audio hum.npy --fix_eye 0 --hold_pose 3", WINDOWS);
+  uint8_t *held = raw("--audio hum.npy --fix_eye 0 --set hold_pose=3", WINDOWS);
   for (size_t k = 0; k < WINDOWS; k++)
     assert_memory_equal(held + k * PIXEL_BYTES, moving + 3 * PIXEL_BYTES, PIXEL_BYTES);
   assert_true(memcmp(moving, moving + 3 * PIXEL_BYTES, PIXEL_BYTES) != 0);
   free(moving);
   free(held);
-  expect_pixels("--hold_pose --frames 4:6", "--hold_pose 0 --frames 4:6", 2, true);
-  expect_pixels("--hold_pose=5 --frames 5:6", "--frames 5:6", 1, true); /* its own speech and eyes */
-  cli_run(&cli, "render m.safetensors --clip clip --hold_pose %d -o x.mp4", FRAMES);
-  cli_expect(&cli, 2, "--hold_pose is 12", "expected 0 to 11", NULL);
+  expect_pixels("--set hold_pose=0 --frames 4:6", "--set hold_pose=0 --frames 4:6", 2, true);
+  expect_pixels("--set hold_pose=5 --frames 5:6", "--frames 5:6", 1, true); /* its own speech and eyes */
+  cli_run(&cli, "render m.safetensors --clip clip --set hold_pose=%d -o x.mp4", FRAMES);
+  cli_expect(&cli, 2, "--set hold_pose is 12", "expected 0 to 11", NULL);
 }
 
 static void test_rotate(void **state) {
@@ -95,7 +95,7 @@ static void test_rotate(void **state) {
   expect_pixels("--frames 4:5", "--rotate 20,0 --frames 4:5", 1, false);
   expect_pixels("--rotate 20,0 --frames 4:5", "--rotate -20,0 --frames 4:5", 1, false);
   expect_pixels("--rotate=0,15 --frames 4:5", "--rotate=0,-15 --frames 4:5", 1, false);
-  expect_pixels("--hold_pose 4 --rotate -20,5 --frames 4:5", "--rotate -20,5 --frames 4:5", 1, true);
+  expect_pixels("--set hold_pose=4 --rotate -20,5 --frames 4:5", "--rotate -20,5 --frames 4:5", 1, true);
 }
 
 /* A part of a video is that part of the whole, also where a frame depends on those before it. */

@@ -204,7 +204,7 @@ static void test_landmark_network(void **state) {
   json_t *report = evaluate("--landmarks points.onnx");
   assert_int_equal(ids[frames - 1] - ids[0], frames - 1);
   cli_run(&cli,
-          "render m.safetensors --clip clip --split all --frames %ld:%ld -o f_%%d.png -y --quiet --no-silence-pose",
+          "render m.safetensors --clip clip --split all --frames %ld:%ld -o f_%%d.png -y --quiet --set silence-pose=no",
           ids[0], ids[frames - 1] + 1);
   cli_expect(&cli, 0, NULL);
   for (size_t i = 0; i < frames; i++) {
@@ -290,9 +290,10 @@ static void test_frechet_of_frames(void **state) {
   json_t *report = evaluate("--inception mean.onnx");
   support_clear("all");
   assert_int_equal(mkdir("all", 0777), 0);
-  cli_run(&cli,
-          "render m.safetensors --clip clip --split all --frames %ld:%ld -o all/%%d.png -y --quiet --no-silence-pose",
-          ids[0], ids[frames - 1] + 1);
+  cli_run(
+      &cli,
+      "render m.safetensors --clip clip --split all --frames %ld:%ld -o all/%%d.png -y --quiet --set silence-pose=no",
+      ids[0], ids[frames - 1] + 1);
   cli_expect(&cli, 0, NULL);
   /* the means' distance, and how far the roots of the traces are apart: a lower and an upper bound of the rest */
   double mean[2][3] = {{0}}, square[2] = {0, 0}, between = 0, colours[2][MOST][3];

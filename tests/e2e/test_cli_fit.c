@@ -94,14 +94,15 @@ static void test_nothing_is_distorted_long(void **state) {
 /* What a still picture keeps is of the same rays. */
 static void test_still_edges_long(void **state) {
   (void)state;
-  static const char *const words[] = {"--reuse-rays 0", "--no-reuse-rays"};
+  static const char *const words[] = {"--set reuse-rays=0", "--set reuse-rays=-1"};
   size_t count[2];
   uint8_t *pixels[2];
   for (int k = 0; k < 2; k++) {
     support_clear("raw.bin");
-    snprintf(cli.line, sizeof cli.line,
-             "render head.safetensors --clip clip --size %dx%d --hold_pose 3 --frames 0:3 %s -o - --quiet --isa ref",
-             2 * SIDE, SIDE, words[k]);
+    snprintf(
+        cli.line, sizeof cli.line,
+        "render head.safetensors --clip clip --size %dx%d --set hold_pose=3 --frames 0:3 %s -o - --quiet --isa ref",
+        2 * SIDE, SIDE, words[k]);
     cli_start(&cli, "raw.bin", 0);
     cli_wait(&cli);
     cli_expect(&cli, 0, NULL);

@@ -82,11 +82,11 @@ static void test_videos(void **state) {
     const char *options, *path, *codec, *sound;
     double least;
   } rows[] = {{"", "a.mp4", "h264", "aac", 30},
-              {"--crf 10 --preset slow", "b.MOV", "h264", "aac", 30},
+              {"--crf 10 --set preset=slow", "b.MOV", "h264", "aac", 30},
               {"", "c.mkv", "h264", "aac", 30},
               {"", "d.webm", "vp9", "opus", 30},
               {"", "e.GIF", "gif", NULL, 18},
-              {"--codec hevc --preset ultrafast", "f.mp4", "hevc", "aac", 30},
+              {"--codec hevc --set preset=ultrafast", "f.mp4", "hevc", "aac", 30},
               {"--codec av1", "g.webm", "av1", "opus", 30},
               {"--codec vp9", "h.mp4", "vp9", "aac", 30},
               {"--codec ffv1", "i.mkv", "ffv1", "aac", INFINITY}};
@@ -199,14 +199,14 @@ static void test_refused(void **state) {
               {2, "-o x.gif --crf 3", "--crf is not for a .gif"},
               {2, "-o x.gif --wav w.wav", "--wav"},
               {2, "-o x.mp4 --format y4m", "--format is what -o - writes"},
-              {2, "-o - --format y4m --preset slow", "--preset is for a video that is written to a file"},
+              {2, "-o - --format y4m --set preset=slow", "--set preset is for a video that is written to a file"},
               {2, "-o - --format mp4 --crf 60", "--crf is 60, expected 0 to 51"},
               {2, "-o - --format mp4 --json", "both take standard output"},
               {2, "-o x.mp4 --codec mpeg2", "--codec is \"mpeg2\""},
               {2, "-o x.avi", "expected NAME.mp4, .mov, .mkv, .webm or .gif"},
               {1, "-o x.webm --codec h264", "codec is \"h264\", expected one that webm holds here: vp9, av1"},
               {1, "-o x.mp4 --crf 60", "crf is 60, expected 0 to 51, the range of h264"},
-              {1, "-o x.webm --preset slow", "vp9 has no presets"}};
+              {1, "-o x.webm --set preset=slow", "vp9 has no presets"}};
   (void)state;
   for (size_t i = 0; i < sizeof rows / sizeof *rows; i++) {
     cli_run(&cli, "render m.safetensors --clip clip --frames 0:10 --quiet %s", rows[i].options);

@@ -144,7 +144,8 @@ static void test_between(void **state) {
 /* Frames and numbers of pictures count the output's. */
 static void test_frames(void **state) {
   (void)state;
-  uint8_t *all = raw("--fps 50 --audio-pad zero", 2 * FRAMES), *part = raw("--fps 50 --audio-pad zero --frames 5:9", 4);
+  uint8_t *all = raw("--fps 50 --set audio-pad=zero", 2 * FRAMES),
+          *part = raw("--fps 50 --set audio-pad=zero --frames 5:9", 4);
   for (size_t k = 0; k < 4; k++) assert_true(same(part, k, all, 5 + k));
   free(all);
   free(part);
@@ -175,8 +176,10 @@ static void test_turn(void **state) {
 static void test_control(void **state) {
   (void)state;
   support_write_text("blink.txt", "0\n1\n0\n0\n0\n0\n0\n0\n0\n0\n0\n0\n0\n0\n0\n0\n");
-  static const char curve[] = "--audio hum.npy --hold_pose 2 --no-reuse-rays --fps 100 --eye blink.txt --frames 0:6";
-  static const char value[] = "--audio hum.npy --hold_pose 2 --no-reuse-rays --fps 100 --frames 0:6 --fix_eye %s";
+  static const char curve[] =
+      "--audio hum.npy --set hold_pose=2 --set reuse-rays=-1 --fps 100 --eye blink.txt --frames 0:6";
+  static const char value[] =
+      "--audio hum.npy --set hold_pose=2 --set reuse-rays=-1 --fps 100 --frames 0:6 --fix_eye %s";
   static const char *const eyes[] = {"0", "0.25", "0.5", "0.75", "1", "0.75"};
   uint8_t *blink = raw(curve, 6);
   for (size_t k = 0; k < 6; k++) {

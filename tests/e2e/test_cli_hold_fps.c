@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * A budget in place of settings: `ernerf render --hold-fps`, `--budget`, `--quality`, with a stored front and with a
+ * A budget in place of settings: `ernerf render --hold-fps`, `--quality`, with a stored front and with a
  * quick look; the curve that a training leaves; and `ernerf tradeoff --training`. How fast anything is is not checked.
  */
 #include "../made_lpips.h"
@@ -111,7 +111,8 @@ static void test_quick_look(void **state) {
   assert_true(number(pace, "budget_ms") == 1000 / (double)0.1f);
   assert_string_equal(json_string_value(json_object_get(pace, "front")), "");
   json_decref(object);
-  cli_run(&cli, "render m.safetensors --clip '%s' --frames 0:3 --transmittance_stop 1e-4 -o b/%%d.png --quiet", clip);
+  cli_run(&cli, "render m.safetensors --clip '%s' --frames 0:3 --set transmittance_stop=1e-4 -o b/%%d.png --quiet",
+          clip);
   cli_expect(&cli, 0, NULL);
   char *first = (char *)cli_bytes("a/2.png", &bytes[0]), *second = (char *)cli_bytes("b/2.png", &bytes[1]);
   assert_int_equal(bytes[0], bytes[1]);
@@ -132,7 +133,7 @@ static void test_front_long(void **state) {
   (void)state;
   cli_run(&cli, "tradeoff m.safetensors '%s' -o m.tradeoff --seconds 1 --frames 0:2 --quiet", clip);
   cli_expect(&cli, 0, NULL);
-  cli_run(&cli, "render m.safetensors --clip '%s' --frames 0:4 --budget 60000 -y -o x.mp4 --json pace.json", clip);
+  cli_run(&cli, "render m.safetensors --clip '%s' --frames 0:4 --hold-fps 0.0167 -y -o x.mp4 --json pace.json", clip);
   cli_expect(&cli, 0, "m.tradeoff/tradeoff.json", "dB against the exact render", "against the clip's frames", NULL);
   json_t *object = cli_json(&cli, "pace.json");
   check_pace(json_object_get(object, "rate_control"), 4);
@@ -155,16 +156,16 @@ static void test_front_long(void **state) {
   cli_expect(&cli, 0, "is not used: it was measured at 64 x 64, the output is 80 x 80",
              "measures the cost of the settings briefly", NULL);
   cli_run(&cli,
-          "render m.safetensors --clip '%s' --size 80x80 --hold-fps 1 --front m.tradeoff/tradeoff.json -y -o x.mp4",
+          "render m.safetensors --clip '%s' --size 80x80 --hold-fps 1 --set front=m.tradeoff/tradeoff.json -y -o x.mp4",
           clip);
   cli_expect(&cli, 1, "m.tradeoff/tradeoff.json: it was measured at 64 x 64", NULL);
-  cli_run(
-      &cli,
-      "render m.safetensors --clip '%s' --hold-fps 1 --front m.tradeoff/tradeoff.json --json m.tradeoff/tradeoff.json "
-      "-y -o x.mp4",
-      clip);
+  cli_run(&cli,
+          "render m.safetensors --clip '%s' --hold-fps 1 --set front=m.tradeoff/tradeoff.json --json "
+          "m.tradeoff/tradeoff.json "
+          "-y -o x.mp4",
+          clip);
   cli_expect(&cli, 1, "m.tradeoff/tradeoff.json: is an input", NULL);
-  cli_run(&cli, "render m.safetensors --clip '%s' --hold-fps 1 --front m.run/log.jsonl -y -o x.mp4", clip);
+  cli_run(&cli, "render m.safetensors --clip '%s' --hold-fps 1 --set front=m.run/log.jsonl -y -o x.mp4", clip);
   cli_expect(&cli, 1, "m.run/log.jsonl", NULL);
 }
 
@@ -172,16 +173,15 @@ static void test_words(void **state) {
   (void)state;
   static const struct {
     const char *options, *said;
-  } cases[] = {{"--hold-fps 25 --budget 40", "expected one of them"},
-               {"--hold-fps 25 --quality draft", "expected one of them"},
+  } cases[] = {{"--hold-fps 25 --quality draft", "expected one of them"},
                {"--quality good", "exact"},
                {"--hold-fps 0", "--hold-fps"},
-               {"--budget nan", "--budget"},
+               {"--hold-fps nan", "--hold-fps"},
                {"--hold-fps 25 --max_steps 8", "max_steps"},
-               {"--hold-fps 25 --image_scale 0.5", "image_scale"},
+               {"--hold-fps 25 --set image_scale=0.5", "image_scale"},
                {"--hold-fps 25 --smooth_lips", "smooth_lips"},
-               {"--front x.json", "--front needs"},
-               {"--hold-fps 25 --front x.json --isa ref", "isa"}};
+               {"--set front=x.json", "--set front needs"},
+               {"--hold-fps 25 --set front=x.json --isa ref", "isa"}};
   for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
     cli_run(&cli, "render m.safetensors --clip '%s' -y -o x.mp4 %s", clip, cases[i].options);
     cli_expect(&cli, 2, cases[i].said, NULL);

@@ -51,8 +51,8 @@ static bool has_word(const json_t *list, const char *word) {
 static void check_deterministic(const char *form, bool deterministic) {
   assert_int_equal(setenv("ERNERF_OPENCL_FORM", form, 1), 0);
   cli_run(&cli, "info devices");
-  cli_expect_out(&cli, 0,
-                 "the same bytes on every run: ", deterministic ? "run: yes" : "run: with --deterministic alone", NULL);
+  cli_expect_out(&cli, 0, "the same bytes on every run: ",
+                 deterministic ? "run: yes" : "run: with --set deterministic=yes alone", NULL);
   cli_run(&cli, "info devices --json");
   json_t *object = cli_json(&cli, NULL);
   const json_t *list = json_object_get(object, "devices");

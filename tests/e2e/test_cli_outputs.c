@@ -144,7 +144,7 @@ static void test_validation_of_the_average_long(void **state) {
   snprintf(average, sizeof average, "%s -o va.safetensors --set ema=yes", train);
   snprintf(weights, sizeof weights, "%s -o vw.safetensors", train);
   const double of_average = number_of(average, "val_psnr"), of_weights = number_of(weights, "val_psnr");
-  const double written = number_of("eval va.safetensors clip --transmittance_stop 0.0001", "psnr");
+  const double written = number_of("eval va.safetensors clip --set transmittance_stop=0.0001", "psnr");
   print_message("validated %.4f, written %.4f, weights %.4f dB\n", of_average, written, of_weights);
   assert_true(fabs(of_average - of_weights) > 0.02);
   assert_true(fabs(of_average - written) < 0.005); /* eval may stop a ray earlier by rounding */

@@ -123,7 +123,7 @@ static void test_replay(void **state) {
   char words[256];
   enum { BYTES = FRAMES * 40 * 30 * 4 };
   uint8_t *all = raw(line, BYTES);
-  snprintf(words, sizeof words, "%s --memory 1 --threads 1", line);
+  snprintf(words, sizeof words, "%s --set memory=1 --threads 1", line);
   uint8_t *other = raw(words, BYTES);
   assert_memory_equal(all, other, BYTES);
   free(all), free(other);
@@ -304,7 +304,7 @@ static void test_render_memory_long(void **state) {
   /* more frames than the encoder looks ahead; head and torso: the head alone takes less */
   snprintf(cli.line, sizeof cli.line,
            "render whole.safetensors --clip far --force --backend cpu --threads 2 --size 450x450 --frames 0:%d "
-           "--transmittance_stop 0.3 -o tiny.mp4 -y --quiet",
+           "--set transmittance_stop=0.3 -o tiny.mp4 -y --quiet",
            DRAWN);
   cli_start(&cli, NULL, 0);
   const size_t peak = peak_of(cli.pid, "RssAnon");

@@ -181,8 +181,8 @@ static void test_label(void **state) {
   assert_true(top > 40 && bottom - top + 1 >= 4 + 2 && left < 8 && right < 40);
   assert_true(white >= 4);
   free(plain), free(said);
-  uint8_t *now = first_frame("--label AI --label-time 0.08s", 1),
-          *then = first_frame("--label AI --label-time 0.08s", 2);
+  uint8_t *now = first_frame("--label AI --set label-time=0.08s", 1),
+          *then = first_frame("--label AI --set label-time=0.08s", 2);
   uint8_t *second = first_frame("", 1), *third = first_frame("", 2);
   assert_true(memcmp(now, second, 64 * 64 * 4) != 0);
   assert_memory_equal(then, third, 64 * 64 * 4);
@@ -200,8 +200,8 @@ static void test_label(void **state) {
   cli_run(&cli, "render t.safetensors --clip clip --frames 0:2 --label 'A\xd8\xb3' -o w.mp4");
   cli_expect(&cli, 1, "--label: has U+0633", "from left to right", NULL);
   assert_false(cli_there("w.mp4"));
-  cli_run(&cli, "render t.safetensors --clip clip --frames 0:2 --label-time 2s -o w.mp4");
-  cli_expect(&cli, 2, "--label-time is about --label", NULL);
+  cli_run(&cli, "render t.safetensors --clip clip --frames 0:2 --set label-time=2s -o w.mp4");
+  cli_expect(&cli, 2, "--set label-time is about --label", NULL);
   cli_run(&cli, "render --help");
   cli_expect_out(&cli, 0, "--label TEXT", NULL);
 }

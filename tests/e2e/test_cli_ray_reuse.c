@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  * What `ernerf render` keeps from frame to frame while the camera stands: the pictures are those of a whole computation
- * but for what --reuse-rays allows, less is drawn, and what contradicts itself is refused. */
+ * but for what --set reuse-rays=allows, less is drawn, and what contradicts itself is refused. */
 #include "cli.h"
 
 #include "../made_speech.h"
@@ -80,10 +80,10 @@ static struct report report(void) {
  * and without rest. */
 static void test_bound_long(void **state) {
   (void)state;
-  static const char *const ways[] = {"--no-silence-pose", "--image_scale 0.5 --fix_eye 0.3"};
+  static const char *const ways[] = {"--set silence-pose=no", "--set image_scale=0.5 --fix_eye 0.3"};
   for (size_t i = 0; i < sizeof ways / sizeof *ways; i++) {
     char words[128], share[64];
-    snprintf(words, sizeof words, "--no-reuse-rays %s", ways[i]);
+    snprintf(words, sizeof words, "--set reuse-rays=-1 %s", ways[i]);
     uint8_t *whole = raw(words);
     json_t *object = cli_json(&cli, "still.json");
     assert_true(json_is_null(json_object_get(object, "ray_reuse")));
@@ -103,13 +103,13 @@ static void test_bound_long(void **state) {
 
 static void test_other_bounds_long(void **state) {
   (void)state;
-  uint8_t *whole = raw("--no-reuse-rays"), *none = raw("--reuse-rays 0");
+  uint8_t *whole = raw("--set reuse-rays=-1"), *none = raw("--set reuse-rays=0");
   const struct report zero = report();
   assert_memory_equal(whole, none, BYTES);
   assert_true(zero.bound == 0);
   uint8_t *half = raw("");
   const struct report usual = report();
-  uint8_t *wide = raw("--reuse-rays 4");
+  uint8_t *wide = raw("--set reuse-rays=4");
   const struct report few = report();
   assert_true(few.bound == 4);
   assert_true(few.samples <= usual.samples && usual.samples < zero.samples);
@@ -131,10 +131,10 @@ static void test_not_worth_it(void **state) {
 
 static void test_words(void **state) {
   (void)state;
-  static const char *const wrong[][2] = {{"--no-reuse-rays --reuse-rays 1", "has no effect with --no-reuse-rays"},
-                                         {"--reuse-rays -1", "--reuse-rays"},
-                                         {"--reuse-rays nan", "--reuse-rays"},
-                                         {"--hold-fps 25 --reuse-rays 1", "is not for a budget"}};
+  static const char *const wrong[][2] = {{"--set reuse-rays=-2", "a number from -1 to 255"},
+                                         {"--reuse-rays 1", "--reuse-rays is --set reuse-rays=VALUE"},
+                                         {"--set reuse-rays=nan", "--set reuse-rays"},
+                                         {"--hold-fps 25 --set reuse-rays=1", "is not for a budget"}};
   for (size_t i = 0; i < sizeof wrong / sizeof *wrong; i++) {
     cli_run(&cli, "render m.safetensors --clip clip -o x.mp4 %s", wrong[i][0]);
     cli_expect(&cli, 2, wrong[i][1], NULL);

@@ -61,7 +61,8 @@ static uint8_t *raw(const char *words) {
   assert_non_null(pixels);
   support_clear("raw.bin");
   snprintf(cli.line, sizeof cli.line,
-           "render m.safetensors --clip clip --hold_pose 3 --fix_eye 0 " FRAMES " -o - --quiet -y --json rest.json %s",
+           "render m.safetensors --clip clip --set hold_pose=3 --fix_eye 0 " FRAMES
+           " -o - --quiet -y --json rest.json %s",
            words);
   cli_start(&cli, "raw.bin", 0);
   cli_wait(&cli);
@@ -155,7 +156,7 @@ static void draw_meant(float *rgb, ern_box *mouth) {
 /* ---- what is held ------------------------------------------------------------------------------------------------ */
 
 /* From the fifth silent frame on the mouth is within 45 dB of the resting one, and stands still; speech around it, and
- * the four frames on the way, are not it; and nothing but the silence differs from --no-silence-pose. */
+ * the four frames on the way, are not it; and nothing but the silence differs from --set silence-pose=no. */
 static void test_silence(void **state) {
   (void)state;
   static float meant[SIZE * SIZE * 3];
@@ -171,7 +172,7 @@ static void test_silence(void **state) {
     if (found < 45) fail_msg("frame %d: the mouth is at %g dB of the resting one, expected 45", t, found);
     assert_true(t + 1 == SAID || like_next(rested, t));
   }
-  uint8_t *off = raw("--audio speech.npy --no-silence-pose");
+  uint8_t *off = raw("--audio speech.npy --set silence-pose=no");
   expect_resting(0);
   for (int t = FROM; t < TO; t++)
     if (same(rested, off, t) != (t < SILENT || t >= SAID)) fail_msg("frame %d: same %d", t, same(rested, off, t));
@@ -189,7 +190,7 @@ static void test_words(void **state) {
   cli_run(&cli,
           "render m.safetensors --clip clip --audio speech.npy --frames 35:80 --size 16x16 -o all.mp4 "
           "-y --json rest.json");
-  cli_expect(&cli, 0, "in 12 of 45 frames nothing is said", "--no-silence-pose", NULL);
+  cli_expect(&cli, 0, "in 12 of 45 frames nothing is said", "--set silence-pose=no", NULL);
   expect_resting(12);
   cli_run(&cli,
           "render m.safetensors --poses clip/transforms_val.json --audio speech.npy --frames 58:62 --size 16x16 -o "

@@ -400,7 +400,7 @@ static void test_controls_long(void **state) {
   (void)state;
   uint8_t *plain = raw("head.safetensors --clip clip --frames 6:9", 3);
   for (size_t i = 3; i < 3 * PIXEL_BYTES; i += 4) assert_int_equal(plain[i], 255);
-  expect_pixels(plain, "head.safetensors --clip clip --frames 6:9 --threads 1 --memory 1", 3, true);
+  expect_pixels(plain, "head.safetensors --clip clip --frames 6:9 --threads 1 --set memory=1", 3, true);
   expect_pixels(plain, "head.safetensors --clip clip --split train --frames 6:9", 3, true);
   expect_pixels(plain, "head.safetensors --clip clip --frames 6:9 --smooth_path", 3, false);
   expect_pixels(plain, "head.safetensors --clip clip --frames 6:9 --smooth_lips", 3, false);
@@ -505,7 +505,7 @@ static void test_eval(void **state) {
   assert_int_equal(json_array_size(json_object_get(report, "frames")), 3);
   assert_true(number(json_array_get(json_object_get(report, "frames"), 0), "id") == 2);
   json_decref(report);
-  cli_run(&cli, "eval head.safetensors clip --json --audio-pad zero");
+  cli_run(&cli, "eval head.safetensors clip --json --set audio-pad=zero");
   report = cli_json(&cli, NULL);
   assert_true(number(report, "psnr") != edge);
   json_decref(report);
@@ -533,7 +533,7 @@ static void test_eval_of_pytorch(void **state) {
   support_shared("parity/head.safetensors", model);
   support_shared("parity/clip", clip);
   for (size_t i = 0; i < sizeof known / sizeof known[0]; i++) {
-    cli_run(&cli, "eval '%s' '%s' --json --audio-pad %s", model, clip, known[i].pad);
+    cli_run(&cli, "eval '%s' '%s' --json --set audio-pad=%s", model, clip, known[i].pad);
     json_t *report = cli_json(&cli, NULL);
     const double first = number(json_array_get(json_object_get(report, "frames"), 0), "psnr");
     if (fabs(number(report, "psnr") - known[i].mean) > known[i].tolerance ||

@@ -33,10 +33,13 @@ static void test_help(void **state) {
   assert_non_null(expected);
   cli_run(&cli, "help render");
   /* range and default: the help's own default, the program's, a range that the help tells, a bound too large to tell */
-  cli_expect_out(&cli, 0, "(default 7; 1 to 9999)", "(default 0; 0 to 256)", "(0.01 to 10000)", "PITCH > 0 up\n",
-                 "0: none)", NULL);
+  cli_expect_out(&cli, 0, "(default 0; 0 to 256)", "(0.01 to 10000)", "PITCH > 0 up\n", "--set NAME=VALUE", NULL);
   assert_string_equal(cli.out, expected);
   free(expected);
+  cli_run(&cli, "render --set help");
+  cli_expect_out(&cli, 0, "(default 7; 1 to 9999)", "0: none)", "smooth_eye=yes|no", NULL);
+  cli_run(&cli, "train --set help");
+  cli_expect_out(&cli, 0, "  memory=BYTES ", "  refine_poses ", "yes or no (default no)", NULL);
   cli_run(&cli, "help");
   cli_expect_out(&cli, 0, "train", "convert", "130", "143", NULL);
   cli_run(&cli, "help rendr");
@@ -85,19 +88,19 @@ static const char *const refused[][3] = {
     {"render m.safetensors --clip c --fix_eye 0.5 --smooth_eye -o x.mp4", "--smooth_eye", "--fix_eye"},
     {"render m.safetensors --clip c --fix_eye 0.5 --eye e.csv -o x.mp4", "--eye", "--fix_eye"},
     {"render m.safetensors --clip c --eye e.csv --smooth_eye -o x.mp4", "--smooth_eye", "--eye"},
-    {"render m.safetensors --clip c --hold_pose 3 --smooth_path -o x.mp4", "--smooth_path", "--hold_pose"},
+    {"render m.safetensors --clip c --set hold_pose=3 --smooth_path -o x.mp4", "--smooth_path", "--set hold_pose"},
     {"render m.safetensors --clip c -o - --json", "--json", "standard output"},
     {"render m.safetensors --clip c --json x.txt -o x.mp4", "\"x.txt\"", "expected 1 at most"},
     {"eval m.safetensors", "CLIP", "missing"},
     {"eval m.safetensors clip --fix_eye 0.5", "--fix_eye is an option of", "`ernerf render`"},
-    {"eval m.safetensors clip --hold_pose 5", "unknown option --hold_pose",
+    {"eval m.safetensors clip --set hold_pose=5", "--set hold_pose: there is no such setting",
      "`ernerf eval --help`"}, /* nothing is near */
     {"check clip --threads 2", "unknown option --threads\n", "`ernerf check"},
     {"check clip --json=there.txt", "there.txt", ".json"},
     {"synth", "DIR", "missing"},
     {"tradeoff m.safetensors", "CLIP is missing", "--help"},
     {"tradeoff m.safetensors clip", "-o DIR", "missing"},
-    {"tradeoff m.safetensors clip -o x --image_scale 2", "--image_scale", "0.25 to 1"},
+    {"tradeoff m.safetensors clip -o x --set image_scale=2", "--set image_scale", "0.25 to 1"},
     {"compare a.safetensors b.safetensors -o x", "CLIP is missing", "--help"},
     {"compare a.safetensors b.safetensors clip", "-o DIR", "missing"},
     {"compare a.safetensors b.safetensors clip -o x --smooth_lips", "--smooth_lips", "drawn again"},
@@ -150,7 +153,7 @@ static const char *const out_of_range[][4] = {
     {"train", "lr_net", "1001", "number from 0 to 1000"},
     {"train", "torso_shrink", "1.5", "to 1"},
     {"train", "data_range", "5 2", "A < B"},
-    {"train", "memory", "99999999999G", "number of bytes"},
+    {"train", "set memory=99999999999G", "", "number of bytes"},
     {"train", "backend", "cuda", "auto|cpu|opencl"},
     {"render", "frames", "4:2", "A < B"},
     {"render", "size", "64x8193", "from 1 to 8192"},
@@ -189,7 +192,8 @@ static void test_public_names(void **state) {
        "deepspeech --data_range 0 -1 --max_steps 16 --ind_num 100 --dt_gamma 0.004 --bound 1 --scale 4"),
       ("train nowhere -o x.safetensors --iters=10 --lr=0.01 --lr-net=0.001 --num-rays=64 --seed=3 --aud a.npy "
        "--data-range=2:5 --max-steps=16 --ind-num=100 --dt-gamma=0.004 --set audio_pad=zero --save_every=5"),
-      "train nowhere --memory 1G --output=x.safetensors --data_range 3 7 --validate-every 10 --set ema_every=2 --set "
+      "train nowhere --set memory=1G --output=x.safetensors --data_range 3 7 --validate-every 10 --set ema_every=2 "
+      "--set "
       "ema=yes",
   };
   for (size_t i = 0; i < sizeof lines / sizeof lines[0]; i++) {
@@ -204,7 +208,7 @@ static void test_public_names(void **state) {
       &cli,
       "render nowhere.safetensors --clip c --output=x.mp4 --smooth-eye --smooth-path --asr-model=hubert --split=val");
   cli_expect(&cli, 1, "nowhere.safetensors", NULL);
-  cli_run(&cli, "eval nowhere.safetensors c --smooth-lips --force --frames :5 --audio-pad=zero");
+  cli_run(&cli, "eval nowhere.safetensors c --smooth-lips --force --frames :5 --set audio-pad=zero");
   cli_expect(&cli, 1, "nowhere.safetensors", NULL);
   assert_false(cli_there("x.safetensors") || cli_there("x.run") || cli_there("x.mp4"));
 }
@@ -225,7 +229,7 @@ static void test_public_options(void **state) {
                                            {"--max_ray_batch 4096", "memory"},
                                            {"--lambda_amb=0.1", "docs/maths.md"},
                                            {"--exp_eye", "au.csv"},
-                                           {"--preload 0", "--memory"},
+                                           {"--preload 0", "--set memory"},
                                            {"--init_lips", "--stage fine"},
                                            {"--finetune_lips", "--stage fine"},
                                            {"--gui", "draws a video"},

@@ -34,12 +34,13 @@ static void test_seen_as_trained(void **state) {
   (void)state;
   const double plain = eval_psnr("m.safetensors clip");
   assert_null(strstr(cli.err, "was trained with"));
-  assert_true(plain == eval_psnr("m.safetensors clip " UNUSUAL "--audio-pad zero"));
+  assert_true(plain == eval_psnr("m.safetensors clip " UNUSUAL "--set audio-pad=zero"));
   assert_null(strstr(cli.err, "was trained with"));
-  assert_true(plain != eval_psnr("m.safetensors clip --scale 4 --audio-pad edge"));
-  cli_expect(&cli, 0,
-             "m.safetensors was trained with --scale 3 --audio-pad zero; it is drawn with --scale 4 --audio-pad edge",
-             NULL);
+  assert_true(plain != eval_psnr("m.safetensors clip --scale 4 --set audio-pad=edge"));
+  cli_expect(
+      &cli, 0,
+      "m.safetensors was trained with --scale 3 --set audio-pad=zero; it is drawn with --scale 4 --set audio-pad=edge",
+      NULL);
   assert_true(plain == eval_psnr("m.safetensors clip --dt_gamma 0.5"));
   cli_expect(&cli, 0, "--dt_gamma 0.5 changes nothing with 24 samples a ray", "--max_steps above 128", NULL);
   assert_null(strstr(cli.err, "was trained with"));

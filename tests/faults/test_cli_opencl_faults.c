@@ -283,11 +283,12 @@ static void test_lost_after_save_long(void **state) {
   assert_true(number(report, "step") == 6);
   json_decref(report);
   /* on the device the same bytes as in one go */
-  cli_run(&cli, "train %s -o x.safetensors --iters 6 --save-every 2 %s --resume --deterministic %s", clip, STEPS,
-          DEVICE);
+  cli_run(&cli, "train %s -o x.safetensors --iters 6 --save-every 2 %s --resume --set deterministic=yes %s", clip,
+          STEPS, DEVICE);
   cli_expect(&cli, 0, NULL);
   forget("z");
-  cli_run(&cli, "train %s -o z.safetensors --iters 6 --save-every 2 %s --deterministic %s", clip, STEPS, DEVICE);
+  cli_run(&cli, "train %s -o z.safetensors --iters 6 --save-every 2 %s --set deterministic=yes %s", clip, STEPS,
+          DEVICE);
   cli_expect(&cli, 0, NULL);
   cli_same_bytes("x.safetensors", "z.safetensors");
 }

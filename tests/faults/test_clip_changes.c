@@ -12,7 +12,7 @@
 
 #define TRAIN "train %s -o %s.safetensors --iters 6 --rays 32 --levels 2 --seed 5 --save-every 1 --validate-frames 1"
 /* frames are read again and again, so that they are read late too */
-#define TRAIN_CLIP TRAIN " --memory 1 --quiet"
+#define TRAIN_CLIP TRAIN " --set memory=1 --quiet"
 
 static struct journey j;
 static ern_context *context;

@@ -14,11 +14,13 @@ struct values {
   uint64_t count, most, bytes;
   float real;
   const char *text, *json, *first, *second;
+  bool rare, rare_off;
+  int rare_number;
   struct range range, pair;
   struct dimensions size;
 };
 
-enum { OPTIONS = 13 };
+enum { OPTIONS = 16 };
 
 static struct values got;
 static struct option options[OPTIONS];
@@ -50,7 +52,17 @@ static struct args fresh(void) {
        .kind = OPTION_JSON,
        .target = &got.json,
        .help =
-           "a help text that is long enough to need a second line when it is printed beside the name of its option"}};
+           "a help text that is long enough to need a second line when it is printed beside the name of its option"},
+      {.name = "rare-flag", .seldom = true, .kind = OPTION_FLAG, .target = &got.rare, .help = "a seldom one"},
+      {.name = "rare-off", .seldom = true, .kind = OPTION_OFF, .target = &got.rare_off, .help = "one that takes away"},
+      {.name = "rare_number",
+       .seldom = true,
+       .published = true,
+       .kind = OPTION_INT,
+       .target = &got.rare_number,
+       .low = 1,
+       .high = 9,
+       .help = "a seldom number with a public name"}};
   memcpy(options, rows, sizeof rows);
   words[0] = (struct word){"FIRST", &got.first, "a word"};
   words[1] = (struct word){"SECOND", &got.second, "another word"};
@@ -92,6 +104,25 @@ static void refuse(const char *line, const char *word, const char *other) {
   if (parse(line) != EXIT_USAGE) fail_msg("%s: accepted", line);
   if (strstr(said, word) == NULL || strstr(said, other) == NULL)
     fail_msg("%s: said \"%s\", expected \"%s\" and \"%s\"", line, said, word, other);
+}
+
+/* Seldom options: by --set, and by their own name where it is published. */
+static void test_set(void **state) {
+  (void)state;
+  accept("--set rare-flag=yes --set=rare_number=3 --flag");
+  assert_true(got.rare && got.rare_number == 3 && got.flag);
+  accept("--rare-number 4 --set rare_off=yes --set rare_flag=no");
+  assert_true(got.rare_number == 4 && !got.rare_off && !got.rare);
+  accept("--set rare-off=no");
+  assert_true(got.rare_off);
+  refuse("--rare-flag", "--rare-flag is --set rare-flag=VALUE", "");
+  refuse("--set rare-flag=1", "--set rare-flag is \"1\"", "yes or no");
+  refuse("--set rare_number=10", "--rare_number is \"10\"", "from 1 to 9");
+  refuse("--set rare_numbr=1", "there is no such setting, the nearest is rare_number", "--set help");
+  refuse("--set flag=yes", "--set flag: there is no such setting", "--set help");
+  refuse("--set rare-flag", "expected NAME=VALUE", "--set help");
+  refuse("--set =yes", "expected NAME=VALUE", "");
+  refuse("--set", "--set is \"\"", "expected NAME=VALUE");
 }
 
 static void test_names(void **state) {
@@ -225,8 +256,9 @@ static void test_forbid(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_names),   cmocka_unit_test(test_words),
-                                     cmocka_unit_test(test_numbers), cmocka_unit_test(test_kinds),
-                                     cmocka_unit_test(test_json),    cmocka_unit_test(test_forbid)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_set),   cmocka_unit_test(test_names),
+                                     cmocka_unit_test(test_words), cmocka_unit_test(test_numbers),
+                                     cmocka_unit_test(test_kinds), cmocka_unit_test(test_json),
+                                     cmocka_unit_test(test_forbid)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -60,6 +60,13 @@ static struct option *find_option(const struct args *args, const char *name, siz
   return NULL;
 }
 
+/* The option as it is written on the command line. */
+static const char *written(const struct option *option, char text[NAME_BYTES + 8]) {
+  const bool set = option->seldom && !option->published;
+  snprintf(text, NAME_BYTES + 8, "%s%s", set ? "--set " : option_dashes(option->name), option->name);
+  return text;
+}
+
 bool args_given(const struct args *args, const char *name) {
   const struct option *option = find_option(args, name, strlen(name));
   return option != NULL && option->given;
@@ -78,7 +85,8 @@ int args_forbid(const struct args *args, const char *names, const char *why) {
   for (const char *at = names; *at != 0;) {
     const size_t bytes = strcspn(at, " ");
     const struct option *option = find_option(args, at, bytes);
-    if (option != NULL && option->given) return args_refuse(args, "--%.*s %s", (int)bytes, at, why);
+    char text[NAME_BYTES + 8];
+    if (option != NULL && option->given) return args_refuse(args, "%s %s", written(option, text), why);
     at += bytes + strspn(at + bytes, " ");
   }
   return -1;
@@ -144,6 +152,7 @@ static void nearest_option(const struct args *args, const char *name, char text[
   for (int g = 0; g < ARGS_GROUPS; g++)
     for (size_t i = 0; i < args->groups[g].count; i++) {
       const struct option *option = &args->groups[g].options[i];
+      if (option->seldom && !option->published) continue;
       if (count < NAMES) names[count++] = option->name;
       for (const char *at = option->alias; at != NULL && *at != 0 && count < NAMES;) {
         const size_t bytes = strcspn(at, " ");
@@ -163,6 +172,8 @@ static int refuse_unknown(const struct args *args, const char *word, size_t leng
   const int bytes = (int)(length + strspn(word, "-"));
   const char *answer = args->public_names ? public_option(name, strlen(name)) : NULL;
   if (answer != NULL) return args_refuse(args, "%.*s %s", bytes, word, answer);
+  const struct option *seldom = find_option(args, name, strlen(name));
+  if (seldom != NULL && seldom->seldom) return args_refuse(args, "%.*s is --set %s=VALUE", bytes, word, seldom->name);
   nearest_option(args, name, nearest);
   return args_refuse(args, "unknown option %.*s%s%s", bytes, word, nearest[0] != 0 ? ", the nearest is " : "", nearest);
 }
@@ -170,7 +181,8 @@ static int refuse_unknown(const struct args *args, const char *word, size_t leng
 /* ---- values ------------------------------------------------------------------------------------------------------ */
 
 static int refuse_value(const struct args *args, const struct option *option, const char *found, const char *expected) {
-  return args_refuse(args, "%s%s is \"%s\", expected %s", option_dashes(option->name), option->name, found, expected);
+  char text[NAME_BYTES + 8];
+  return args_refuse(args, "%s is \"%s\", expected %s", written(option, text), found, expected);
 }
 
 /* The allowed range of a number, as text. */
@@ -332,42 +344,10 @@ static int take_setting_value(const struct args *args, struct setting_choice *ch
 }
 
 static int take_setting(const struct args *args, struct option *option, const char *text) {
-  char shown[NAME_BYTES];
+  char name[NAME_BYTES + 8];
   size_t index = 0;
   (void)setting_find(option->target, option->setting, &index);
-  snprintf(shown, sizeof shown, "%s%s", option_dashes(option->name), option->name);
-  return take_setting_value(args, option->target, index, shown, text);
-}
-
-static int refuse_setting(const struct args *args, const struct setting_choice *choice, const char *name) {
-  enum { NAMES = 64 };
-  const char *names[NAMES];
-  const ern_setting *setting;
-  size_t count = 0;
-  for (size_t i = 0; (setting = choice->row(i)) != NULL && count < NAMES; i++)
-    if (setting_is_offered(choice, setting)) names[count++] = setting->name;
-  const char *nearest = args_nearest(name, names, count);
-  return args_refuse(args, "--set %s: there is no such setting%s%s; --set help lists them", name,
-                     nearest != NULL ? ", the nearest is " : "", nearest != NULL ? nearest : "");
-}
-
-/* NAME=VALUE, or `help`. */
-static int take_set(const struct args *args, struct option *option, const char *text) {
-  struct setting_choice *choice = option->target;
-  const size_t length = strcspn(text, "=");
-  char name[NAME_BYTES], shown[NAME_BYTES + 8];
-  size_t index = 0;
-  if (strcmp(text, "help") == 0) {
-    help_settings(choice);
-    return EXIT_SUCCESS;
-  }
-  if (text[length] == 0 || length == 0 || length >= NAME_BYTES)
-    return args_refuse(args, "--set is \"%s\", expected NAME=VALUE; --set help lists the names", text);
-  snprintf(name, sizeof name, "%.*s", (int)length, text);
-  const ern_setting *setting = setting_find(choice, name, &index);
-  if (setting == NULL || !setting_is_offered(choice, setting)) return refuse_setting(args, choice, name);
-  snprintf(shown, sizeof shown, "--set %s", setting->name);
-  return take_setting_value(args, choice, index, shown, text + length + 1);
+  return take_setting_value(args, option->target, index, written(option, name), text);
 }
 
 static bool ends_in(const char *text, const char *ending) {
@@ -390,7 +370,6 @@ static int take_value(const struct args *args, struct option *option, const char
     case OPTION_RATE: return take_rate(args, option, text);
     case OPTION_PAIR: return take_pair(args, option, text);
     case OPTION_SETTING: return take_setting(args, option, text);
-    case OPTION_SET: return take_set(args, option, text);
     case OPTION_JSON:
       if (strcmp(text, "-") != 0 && !ends_in(text, ".json"))
         return refuse_value(args, option, text, "- or a name that ends in .json");
@@ -401,6 +380,65 @@ static int take_value(const struct args *args, struct option *option, const char
       *(const char **)option->target = text;
       return -1;
   }
+}
+
+/* ---- --set ------------------------------------------------------------------------------------------------------- */
+
+static int refuse_set(const struct args *args, const char *name) {
+  enum { NAMES = 128 };
+  const char *names[NAMES];
+  const ern_setting *setting;
+  size_t count = 0;
+  for (int g = 0; g < ARGS_GROUPS; g++)
+    for (size_t i = 0; i < args->groups[g].count; i++)
+      if (args->groups[g].options[i].seldom && count < NAMES) names[count++] = args->groups[g].options[i].name;
+  for (size_t i = 0; args->settings != NULL && (setting = args->settings->row(i)) != NULL && count < NAMES; i++)
+    if (setting_is_offered(args->settings, setting)) names[count++] = setting->name;
+  const char *nearest = args_nearest(name, names, count);
+  return args_refuse(args, "--set %s: there is no such setting%s%s; --set help lists them", name,
+                     nearest != NULL ? ", the nearest is " : "", nearest != NULL ? nearest : "");
+}
+
+static int take_switch(const struct args *args, struct option *option, const char *text) {
+  const bool yes = strcmp(text, "yes") == 0;
+  if (!yes && strcmp(text, "no") != 0) return refuse_value(args, option, text, "yes or no");
+  *(bool *)option->target = yes == (option->kind == OPTION_FLAG);
+  return -1;
+}
+
+/* NAME=VALUE, or `help`. */
+static int take_set(const struct args *args, const char *text) {
+  struct setting_choice *choice = args->settings;
+  const size_t length = strcspn(text, "=");
+  char name[NAME_BYTES], shown[NAME_BYTES + 8];
+  size_t index = 0;
+  if (strcmp(text, "help") == 0) {
+    help_settings(args);
+    return EXIT_SUCCESS;
+  }
+  if (text[length] == 0 || length == 0 || length >= NAME_BYTES)
+    return args_refuse(args, "--set is \"%s\", expected NAME=VALUE; --set help lists the names", text);
+  snprintf(name, sizeof name, "%.*s", (int)length, text);
+  struct option *option = find_option(args, name, length);
+  if (option != NULL && option->seldom && !option->unlisted) {
+    option->given = true;
+    const bool is_switch = option->kind == OPTION_FLAG || option->kind == OPTION_OFF;
+    text += length + 1;
+    return is_switch ? take_switch(args, option, text) : take_value(args, option, text);
+  }
+  const ern_setting *setting = choice != NULL ? setting_find(choice, name, &index) : NULL;
+  if (setting == NULL || !setting_is_offered(choice, setting)) return refuse_set(args, name);
+  snprintf(shown, sizeof shown, "--set %s", setting->name);
+  return take_setting_value(args, choice, index, shown, text + length + 1);
+}
+
+/* The VALUE of --set VALUE or --set=VALUE; *used: number of arguments taken. NULL: the argument is another. */
+static const char *value_of_set(const struct args *args, int argc, char **argv, int *used) {
+  if (!option_takes_set(args)) return NULL;
+  if (strncmp(argv[0], "--set=", 6) == 0) return argv[0] + 6;
+  if (strcmp(argv[0], "--set") != 0) return NULL;
+  *used = argc > 1 ? 2 : 1;
+  return argc > 1 ? argv[1] : "";
 }
 
 /* ---- the line ---------------------------------------------------------------------------------------------------- */
@@ -452,6 +490,7 @@ static struct option *split_option(const struct args *args, const char *word, si
   *length = strcspn(word + dashes, "=");
   struct option *option = find_option(args, word + dashes, *length);
   if (word[dashes + *length] == '=') *value = word + dashes + *length + 1;
+  if (option != NULL && option->seldom && !option->published) return NULL;
   if (dashes == 2) return *length > 1 ? option : NULL; /* one letter has one dash */
   if (*length == 1) return option;
   if (option != NULL) return NULL; /* "-output" lacks a dash: it is not -o with the value "utput" */
@@ -473,11 +512,12 @@ int args_parse(struct args *args, int argc, char **argv) {
     if (!options_end && strcmp(word, "--") == 0) {
       options_end = true;
     } else if (!options_end && word[0] == '-' && word[1] != 0) {
-      const char *value = NULL;
+      const char *value = NULL, *set = value_of_set(args, argc - i, argv + i, &used);
       size_t length = 0;
-      struct option *option = split_option(args, word, &length, &value);
-      if (option == NULL) return refuse_unknown(args, word, length);
-      const int status = take_option(args, option, value, argc - i, argv + i, &used);
+      struct option *option = set != NULL ? NULL : split_option(args, word, &length, &value);
+      if (set == NULL && option == NULL) return refuse_unknown(args, word, length);
+      const int status =
+          set != NULL ? take_set(args, set) : take_option(args, option, value, argc - i, argv + i, &used);
       if (status >= 0) return status;
     } else if (words < args->word_count && word[0] != 0) {
       *args->words[words++].target = word;

@@ -30,7 +30,9 @@ typedef void option_printer(const struct option *option);
 static void each_option(const struct args *args, option_printer *print) {
   for (int g = 0; g < ARGS_GROUPS; g++)
     for (size_t i = 0; i < args->groups[g].count; i++)
-      if (!args->groups[g].options[i].unlisted) print(&args->groups[g].options[i]);
+      if (option_is_listed(&args->groups[g].options[i])) print(&args->groups[g].options[i]);
+  const struct option set = {.name = "set", .kind = OPTION_RANGE, .choices = "NAME=VALUE", .help = OPTION_SET_HELP};
+  if (option_takes_set(args)) print(&set);
 }
 
 /* ---- bash -------------------------------------------------------------------------------------------------------- */

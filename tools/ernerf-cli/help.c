@@ -7,6 +7,7 @@
 #include "completion.h"
 #include "manual.h"
 #include "option_words.h"
+#include "setting_choice.h"
 
 enum { TEXT_BYTES = 256 };
 
@@ -49,10 +50,19 @@ static void print_option(const struct option *option) {
   print_wrapped(column, option_text(option, text));
 }
 
-void help_settings(const struct setting_choice *choice) {
+void help_settings(const struct args *args) {
   char text[HELP_BYTES], expected[TEXT_BYTES], preset[ERN_SETTING_TEXT_BYTES];
+  const struct setting_choice *choice = args->settings;
   const ern_setting *s;
-  for (size_t i = 0; (s = choice->row(i)) != NULL; i++) {
+  for (int g = 0; g < ARGS_GROUPS; g++)
+    for (size_t i = 0; i < args->groups[g].count; i++) {
+      const struct option *option = &args->groups[g].options[i];
+      if (!option->seldom || option->unlisted) continue;
+      const char *value = option_value(option);
+      const int column = printf("  %s=%s", option->name, value != NULL ? value : "yes|no");
+      print_wrapped(column, option_text(option, text));
+    }
+  for (size_t i = 0; choice != NULL && (s = choice->row(i)) != NULL; i++) {
     if (!setting_is_offered(choice, s)) continue;
     ern_setting_expected(s, expected, sizeof expected);
     ern_setting_write(s, choice->config, preset);
@@ -74,7 +84,11 @@ static void print_help(const struct args *args) {
     if (args->groups[g].title == NULL) continue;
     printf("\n%s\n", args->groups[g].title);
     for (size_t i = 0; i < args->groups[g].count; i++)
-      if (!args->groups[g].options[i].unlisted) print_option(&args->groups[g].options[i]);
+      if (option_is_listed(&args->groups[g].options[i])) print_option(&args->groups[g].options[i]);
+  }
+  if (option_takes_set(args)) {
+    printf("\nMore:\n");
+    print_wrapped(printf("  --set NAME=VALUE"), OPTION_SET_HELP);
   }
   if (args->notes != NULL) printf("\n%s\n", args->notes);
 }

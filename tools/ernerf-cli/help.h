@@ -5,13 +5,12 @@
 #define ERN_CLI_HELP_H
 
 #include "option_table.h"
-#include "setting_choice.h"
 
 /* Prints the form that `word` requests: --help, -h; --help=man, --help=bash, --help=zsh. False: `word` is none of
  * these. */
 bool help_asked(const struct args *args, const char *word);
 
-/* Prints the settings that --set takes, as the help has the options. */
-void help_settings(const struct setting_choice *choice);
+/* Prints what --set takes, as the help has the options. */
+void help_settings(const struct args *args);
 
 #endif

@@ -100,7 +100,12 @@ void manual_print(const struct args *args) {
     print_all(args->groups[g].title);
     printf("\n");
     for (size_t i = 0; i < args->groups[g].count; i++)
-      if (!args->groups[g].options[i].unlisted) print_option(&args->groups[g].options[i]);
+      if (option_is_listed(&args->groups[g].options[i])) print_option(&args->groups[g].options[i]);
+  }
+  if (option_takes_set(args)) {
+    printf(".SS More:\n.TP\n\\fB\\-\\-set\\fR \\fINAME=VALUE\\fR\n");
+    print_all(OPTION_SET_HELP);
+    printf("\n");
   }
   if (args->notes != NULL) {
     printf(".SH NOTES\n");

@@ -42,8 +42,7 @@ enum option_kind {
   OPTION_PAIR,       /* struct pair: A,B, each in [low, high] */
   OPTION_FRAME,      /* uint64_t: a number from 0, or nothing (0 then) */
   OPTION_JSON,       /* const char *: "-", a name ending in .json, or nothing ("-" then) */
-  OPTION_SETTING,    /* struct setting_choice: the value of its member `setting` */
-  OPTION_SET         /* struct setting_choice: NAME=VALUE, again and again */
+  OPTION_SETTING     /* struct setting_choice: the value of its member `setting` */
 };
 
 struct option {
@@ -54,6 +53,8 @@ struct option {
   const char *choices; /* of OPTION_CHOICE; other kinds: the value's name in the help, NULL: a name by kind */
   const char *help;
   const char *setting; /* of OPTION_SETTING: the member's name, range and default of which the help shows */
+  bool seldom;         /* taken by --set NAME=VALUE, and listed by --set help alone */
+  bool published;      /* of a seldom one: --NAME is a name of the public program's, and is taken too */
   bool given;          /* set by the parser */
   bool unlisted;       /* absent from the help: the verb rejects it with a reason */
 };
@@ -73,12 +74,15 @@ struct word {
 
 enum { ARGS_GROUPS = 5 };
 
+struct setting_choice;
+
 struct args {
-  const char *verb;    /* of `ernerf VERB`, for messages */
-  const char *summary; /* what the verb does, in one line */
-  const char *usage;   /* the usage lines, without "ernerf " */
-  const char *notes;   /* paragraphs after the options; NULL: none */
-  bool public_names;   /* explain options of the public programs that the verb does not have (public_options.h) */
+  const char *verb;                /* of `ernerf VERB`, for messages */
+  const char *summary;             /* what the verb does, in one line */
+  const char *usage;               /* the usage lines, without "ernerf " */
+  const char *notes;               /* paragraphs after the options; NULL: none */
+  struct setting_choice *settings; /* further names of --set; NULL: none */
+  bool public_names; /* explain options of the public programs that the verb does not have (public_options.h) */
   struct word *words;
   size_t word_count, optional_words; /* optional_words: how many of the last ones may be missing */
   struct {

@@ -15,6 +15,15 @@ enum {
 
 const char *option_dashes(const char *name) { return strlen(name) == 1 ? "-" : "--"; }
 
+bool option_is_listed(const struct option *option) { return !option->unlisted && !option->seldom; }
+
+bool option_takes_set(const struct args *args) {
+  for (int g = 0; g < ARGS_GROUPS; g++)
+    for (size_t i = 0; i < args->groups[g].count; i++)
+      if (args->groups[g].options[i].seldom && !args->groups[g].options[i].unlisted) return true;
+  return args->settings != NULL;
+}
+
 static const ern_setting *setting_of(const struct option *option) {
   size_t index;
   return setting_find(option->target, option->setting, &index);
@@ -41,7 +50,6 @@ const char *option_value(const struct option *option) {
     case OPTION_PAIR: return "A,B";
     case OPTION_FRAME: return "[N]";
     case OPTION_JSON: return "[FILE.json|-]";
-    case OPTION_SET: return "NAME=VALUE";
     default: return NULL;
   }
 }

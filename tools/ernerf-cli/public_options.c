@@ -43,7 +43,7 @@ static const struct {
     {"exp_eye",
      NOT_NEEDED "eyes are learnt where the clip has an au.csv that moves; `ernerf train --effects` says otherwise"},
     {"color_space", "is not a choice here: colours are those of the pictures (sRGB)"},
-    {"preload", "is `--memory BYTES` here: the most that frames of the clip may take"},
+    {"preload", "is `--set memory=BYTES` here: the most that frames of the clip may take"},
     {"offset", FIXED " (0 0 0)"},
     {"min_near", FIXED " (0.05)"},
     {"density_thresh", FIXED " (10)"},

@@ -10,7 +10,7 @@
 #include "output/progress.h"
 #include "verbs.h"
 
-/* PICTURE_BYTES: memory for the clip's pictures without --memory: practically none, as each is read only a few times in
+/* PICTURE_BYTES: memory for the clip's pictures without `memory`: practically none, as each is read only a few times in
  * a row. */
 enum { OWN_OPTIONS = 2 + LPIPS_OPTIONS, PICTURE_BYTES = 1 };
 

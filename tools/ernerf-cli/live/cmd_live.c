@@ -43,12 +43,14 @@ static void in_options(struct live_job *job, struct option options[IN_OPTIONS]) 
        .help =
            "FFmpeg's name of the sound's format, such as s16le or f32le, samples without a header (default: detected)"},
       {.name = "audio-rate",
+       .seldom = true,
        .kind = OPTION_INT,
        .target = &job->sound.format_rate,
        .low = 1000,
        .high = 384000,
        .help = "samples a second of sound without a header (default 16000)"},
       {.name = "audio-channels",
+       .seldom = true,
        .kind = OPTION_INT,
        .target = &job->sound.format_channels,
        .low = 1,
@@ -198,8 +200,7 @@ static int check_usage(struct live_job *job, const struct args *args, int slow_r
   if (status < 0 && job->commands.path == NULL) status = args_forbid(args, "voice", "is about --control");
   if (status < 0 && rate_value(job->rate) > 100) status = args_refuse(args, "--fps is above 100, expected 1 to 100");
   if (status < 0 && job->unpaced && rate_control_asked(&job->rate_control))
-    status =
-        args_refuse(args, "--as-fast has no frame rate to reach, so --hold-fps, --budget and --quality are not for it");
+    status = args_refuse(args, "--as-fast has no frame rate to reach, so --hold-fps and --quality are not for it");
   if (status < 0 && job->unpaced && job->sound.url == NULL)
     status = args_refuse(args, "--as-fast without --audio would rest without an end");
   if (status < 0 && job->unpaced && job->sound.keeps_running)

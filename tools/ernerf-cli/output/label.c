@@ -19,6 +19,7 @@ void label_options(struct label *label, struct option options[LABEL_OPTIONS]) {
                                  .help = "text drawn on the frames that says what they are, such as \"made by AI\"; "
                                          "its capitals are 5 % of the shorter side high, 5 pixels at least"},
                                 {.name = "label-time",
+                                 .seldom = true,
                                  .kind = OPTION_SECONDS,
                                  .target = &label->seconds,
                                  .low = 0.04,

@@ -15,7 +15,7 @@ struct label {
   uint8_t *pixels;              /* [height][width][4], RGBA, alpha multiplied in */
 };
 
-/* --label --label-time. */
+/* --label, and --set label-time. */
 void label_options(struct label *label, struct option options[LABEL_OPTIONS]);
 /* EXIT_USAGE after a message, or -1. */
 int label_check(const struct label *label, const struct args *args);

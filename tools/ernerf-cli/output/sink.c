@@ -26,6 +26,7 @@ void sink_options(struct sink *sink, struct option options[SINK_OPTIONS]) {
        .high = 63,
        .help = "quality of a video, the lower the better; of h264 and hevc 51 at most"},
       {.name = "preset",
+       .seldom = true,
        .kind = OPTION_CHOICE,
        .target = &sink->preset,
        .choices = "ultrafast|superfast|veryfast|faster|fast|medium|slow|slower|veryslow|placebo",

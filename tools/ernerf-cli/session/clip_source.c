@@ -12,6 +12,7 @@ void clip_source_options(struct clip_source *source, struct option options[CLIP_
                                          "(default: the first that there is of aud_ds.npy, aud_eo.npy, aud_hu.npy, "
                                          "aud.npy, aud_cep.npy, and aud.wav, from which cepstra are computed)"},
                                 {.name = "memory",
+                                 .seldom = true,
                                  .kind = OPTION_BYTES,
                                  .target = &source->memory,
                                  .help = "maximum memory for decoded frames of the clip, such as 512M (default half of "

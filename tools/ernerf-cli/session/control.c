@@ -20,10 +20,13 @@ void control_options(struct control *control, struct option options[CONTROL_OPTI
                "(0 open, 2 to 5 closed); else 0 (open) to 1 (closed), one number a line without a header, or .npy of "
                "shape [T]"},
       {.name = "smooth_eye",
+       .seldom = true,
+       .published = true,
        .kind = OPTION_FLAG,
        .target = &control->smooth_eye,
        .help = "smooth the blinks: each eye value is the mean of three frames"},
       {.name = "hold_pose",
+       .seldom = true,
        .kind = OPTION_FRAME,
        .target = &control->hold,
        .help = "the head held still: in all frames the pose of frame N, counted from 0, 25 a second"},
@@ -36,10 +39,14 @@ void control_options(struct control *control, struct option options[CONTROL_OPTI
        .help =
            "turn the head by so many degrees more, each -90 to 90: YAW > 0 to the right of the picture, PITCH > 0 up"},
       {.name = "smooth_path",
+       .seldom = true,
+       .published = true,
        .kind = OPTION_FLAG,
        .target = &control->smooth_path,
        .help = "smooth the head's motion: each pose is the mean of those around it"},
       {.name = "smooth_path_window",
+       .seldom = true,
+       .published = true,
        .kind = OPTION_INT,
        .target = &control->smooth_window,
        .low = 1,
@@ -59,7 +66,7 @@ int control_check(const struct control *control, const struct args *args) {
   if (status < 0 && control->eye != NULL)
     status = args_forbid(args, "smooth_eye", "smooths the clip's eye values, which --eye replaces");
   if (status < 0 && args_given(args, "hold_pose"))
-    status = args_forbid(args, "smooth_path", "has no effect with --hold_pose");
+    status = args_forbid(args, "smooth_path", "has no effect with --set hold_pose");
   return status;
 }
 
@@ -80,7 +87,7 @@ int control_clip(const struct control *control, struct session *session, const s
                  struct frame_source *frame_source) {
   int status = 0;
   if (args_given(args, "hold_pose") && control->hold >= frame_source->count)
-    return args_refuse(args, "--hold_pose is %" PRIu64 ", expected 0 to %zu, the number of the last pose",
+    return args_refuse(args, "--set hold_pose is %" PRIu64 ", expected 0 to %zu, the number of the last pose",
                        control->hold, frame_source->count - 1);
   if (control->smooth_path) status = frame_source_smooth_path(frame_source, session, control->smooth_window);
   if (status == 0 && args_given(args, "hold_pose")) frame_source_hold_pose(frame_source, (size_t)control->hold);

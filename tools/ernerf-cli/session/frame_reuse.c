@@ -15,23 +15,15 @@ void frame_reuse_options(struct frame_reuse *frame_reuse, struct option options[
   frame_reuse->levels = 0.5f;
   const struct option rows[] = {
       {.name = "reuse-rays",
-       .alias = "still",
+       .seldom = true,
        .kind = OPTION_FLOAT,
        .target = &frame_reuse->levels,
-       .low = 0,
+       .low = -1,
        .high = 255,
        .help = "while the camera does not move, interpolate rays that change little; X is the largest error of a "
-               "pixel in grey levels of 255; 0: reuse only rays that cannot change (default 0.5)"},
-      {.name = "no-reuse-rays",
-       .alias = "no-still",
-       .kind = OPTION_FLAG,
-       .target = &frame_reuse->off,
-       .help = "render every frame completely"}};
+               "pixel in grey levels of 255; 0: reuse only rays that cannot change; -1: render every frame completely "
+               "(default 0.5)"}};
   ARGS_FILL(options, rows, FRAME_REUSE_OPTIONS);
-}
-
-int frame_reuse_check(const struct args *args) {
-  return args_given(args, "no-reuse-rays") ? args_forbid(args, "reuse-rays", "has no effect with --no-reuse-rays") : -1;
 }
 
 /* Frames of the longest run of one pose. */
@@ -52,7 +44,7 @@ int frame_reuse_open(struct frame_reuse *frame_reuse, struct portrait *portrait,
   const size_t values = (size_t)AUDIO_WINDOWS * (size_t)features->window_length * (size_t)features->width;
   const size_t count = frame_source->count < MOST_SPEECH_FRAMES ? frame_source->count : MOST_SPEECH_FRAMES;
   float eyes[MOST_SPEECH_FRAMES];
-  if (frame_reuse->off) return 0;
+  if (frame_reuse->levels < 0) return 0;
   frame_reuse->camera_is_still = longest_still_run(frame_source) >= LONG_ENOUGH;
   if (!frame_reuse->camera_is_still || frame_reuse->levels <= 0) {
     const ern_status status = ern_renderer_reuse_rays(portrait->renderer, NULL, features->window_length, NULL, 0, 0);
@@ -80,7 +72,7 @@ void frame_reuse_add(struct frame_reuse *frame_reuse, const ern_renderer *render
 
 json_t *frame_reuse_report(const struct frame_reuse *frame_reuse) {
   const ern_ray_reuse_work *work = &frame_reuse->work;
-  if (frame_reuse->off || work->frames == 0) return json_null();
+  if (frame_reuse->levels < 0 || work->frames == 0) return json_null();
   const double frames = (double)work->frames, levels = frame_reuse->camera_is_still ? (double)frame_reuse->levels : 0;
   return json_pack("{s:o, s:I, s:o, s:o}", "bound", session_number(levels), "frames", (json_int_t)work->frames, "rays",
                    session_number(work->rays / frames), "samples", session_number(work->samples / frames));
@@ -89,7 +81,7 @@ json_t *frame_reuse_report(const struct frame_reuse *frame_reuse) {
 void frame_reuse_say(const struct frame_reuse *frame_reuse, char *text, size_t capacity) {
   const ern_ray_reuse_work *work = &frame_reuse->work;
   text[0] = 0;
-  if (frame_reuse->off || !frame_reuse->camera_is_still || work->frames == 0) return;
+  if (frame_reuse->levels < 0 || !frame_reuse->camera_is_still || work->frames == 0) return;
   snprintf(text, capacity, ", %.1f %% of rays and %.1f %% of samples rendered again",
            100 * work->rays / (double)work->frames, 100 * work->samples / (double)work->frames);
 }

@@ -9,18 +9,15 @@
 
 struct frame_reuse {
   /* from the command line */
-  float levels; /* largest error of a pixel, in levels of 255 */
-  bool off;
+  float levels; /* largest error of a pixel, in levels of 255; below 0: no ray is reused */
   /* made */
   bool camera_is_still;    /* the camera is still for enough frames for rays to be reused */
   ern_ray_reuse_work work; /* of all renderers */
 };
 
-enum { FRAME_REUSE_OPTIONS = 2 };
-/* The defaults, and --reuse-rays --no-reuse-rays. */
+enum { FRAME_REUSE_OPTIONS = 1 };
+/* The default, and --set reuse-rays. */
 void frame_reuse_options(struct frame_reuse *frame_reuse, struct option options[FRAME_REUSE_OPTIONS]);
-/* Refuses options that contradict each other, as args_refuse; else -1. */
-int frame_reuse_check(const struct args *args);
 
 /* Sets up the renderer's ray reuse for these frames. Returns 0, or EXIT_FAILURE after a message. */
 int frame_reuse_open(struct frame_reuse *frame_reuse, struct portrait *portrait, struct session *session,

@@ -39,8 +39,8 @@ struct portrait {
 };
 
 enum { PORTRAIT_OPTIONS = 13 + CLIP_SOURCE_OPTIONS };
-/* The defaults, and --split --frames --audio-pad --max_steps --dt_gamma --transmittance_stop --occupancy_threshold
- * --torso --torso_shrink --scale --image_scale --smooth_lips --force, and those of a clip's source. */
+/* The defaults, and --split --frames --max_steps --dt_gamma --torso --torso_shrink --scale --smooth_lips --force, --set
+ * audio-pad, transmittance_stop, occupancy_threshold, image_scale, and those of a clip's source. */
 void portrait_options(struct portrait *portrait, enum frame_source_split split,
                       struct option options[PORTRAIT_OPTIONS]);
 
@@ -49,7 +49,7 @@ void portrait_options(struct portrait *portrait, enum frame_source_split split,
 int portrait_open(struct portrait *portrait, struct session *session, const struct args *args);
 void portrait_close(struct portrait *portrait);
 
-/* With --occupancy_threshold, prunes occupancy cells whose density is below it at moments sampled from these frames.
+/* With occupancy_threshold, prunes occupancy cells whose density is below it at moments sampled from these frames.
  * Returns 0, or EXIT_FAILURE after a message. */
 int portrait_prune_occupancy(struct portrait *portrait, struct session *session,
                              const struct frame_source *frame_source, const ern_features *features);

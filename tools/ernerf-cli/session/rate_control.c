@@ -21,14 +21,7 @@ void rate_control_options(struct rate_control *g, struct option options[RATE_CON
        .low = 0.01,
        .high = 10000,
        .help = "choose the most accurate settings that render X frames a second or more, and adjust them while "
-               "rendering (live without --budget and --quality: 1.15 times --fps)"},
-      {.name = "budget",
-       .kind = OPTION_FLOAT,
-       .target = &g->budget,
-       .low = 0.1,
-       .high = 100000,
-       .choices = "MS",
-       .help = "the same, given as milliseconds a frame"},
+               "rendering (live without --quality: 1.15 times --fps)"},
       {.name = "quality",
        .kind = OPTION_CHOICE,
        .target = &g->quality,
@@ -37,6 +30,7 @@ void rate_control_options(struct rate_control *g, struct option options[RATE_CON
                "PSNR of 40 dB or more against the exact render or, without a file of tradeoff, against those of exact; "
                "draft: the fastest"},
       {.name = "front",
+       .seldom = true,
        .kind = OPTION_TEXT,
        .target = &g->front,
        .choices = "FILE.json",
@@ -45,20 +39,19 @@ void rate_control_options(struct rate_control *g, struct option options[RATE_CON
   ARGS_FILL(options, rows, RATE_CONTROL_OPTIONS);
 }
 
-bool rate_control_asked(const struct rate_control *g) { return g->hold_fps > 0 || g->budget > 0 || g->quality >= 0; }
+bool rate_control_asked(const struct rate_control *g) { return g->hold_fps > 0 || g->quality >= 0; }
 
 int rate_control_check(const struct rate_control *g, const struct args *args) {
   int status = -1;
   if (!rate_control_asked(g))
-    return g->front != NULL ? args_refuse(args, "--front needs --hold-fps, --budget or --quality") : -1;
-  if ((g->hold_fps > 0) + (g->budget > 0) + (g->quality >= 0) > 1)
-    return args_refuse(args, "--hold-fps, --budget and --quality: expected one of them");
+    return g->front != NULL ? args_refuse(args, "--set front needs --hold-fps or --quality") : -1;
+  if (g->hold_fps > 0 && g->quality >= 0) return args_refuse(args, "--hold-fps and --quality: expected one of them");
   status = args_forbid(args, "max_steps transmittance_stop occupancy_threshold image_scale",
-                       "is what --hold-fps, --budget and --quality choose");
+                       "is what --hold-fps and --quality choose");
   if (status < 0)
     status = args_forbid(args, "smooth_lips", "makes a frame depend on earlier frames, which may have other settings");
   if (status < 0 && g->front != NULL)
-    status = args_forbid(args, "backend isa threads device", "is part of the settings in the file of --front");
+    status = args_forbid(args, "backend isa threads device", "is part of the settings in the file of --set front");
   return status;
 }
 
@@ -134,8 +127,8 @@ static void take_front(struct rate_control *g, struct pareto_front *front) {
   }
 }
 
-/* *found: rungs were taken from the front. A front given by --front must match; MODEL's own is ignored if it does not
- * match. */
+/* *found: rungs were taken from the front. A front given by --set front must match; MODEL's own is ignored if it does
+ * not match. */
 static int read_front(struct rate_control *g, struct dimensions size, bool *found) {
   struct pareto_front front = {0};
   char why[256] = "";
@@ -168,16 +161,16 @@ static void keep_quality(struct rate_control *g) {
 }
 
 static double budget_of(const struct rate_control *g) {
-  return g->hold_fps > 0 ? 1000 / (double)g->hold_fps : g->budget > 0 ? (double)g->budget : INFINITY;
+  return g->hold_fps > 0 ? 1000 / (double)g->hold_fps : INFINITY;
 }
 
 static int refuse_budget(const struct rate_control *g) {
   const struct rung *last = &g->rung[g->count - 1];
   return session_fail_with(
       g->session,
-      "%s %g: no settings reach it on this machine: the fastest, \"%s\", take %.1f ms a frame, %.1f frames a second",
-      g->hold_fps > 0 ? "--hold-fps" : "--budget", g->hold_fps > 0 ? (double)g->hold_fps : (double)g->budget,
-      last->name, last->ms, 1000 / last->ms);
+      "--hold-fps %g: no settings reach it on this machine: the fastest, \"%s\", take %.1f ms a frame, %.1f frames a "
+      "second",
+      (double)g->hold_fps, last->name, last->ms, 1000 / last->ms);
 }
 
 static void say_choice(const struct rate_control *g) {

@@ -6,9 +6,9 @@
 
 #include "session/rung.h"
 
-enum { RATE_CONTROL_OPTIONS = 4 };
+enum { RATE_CONTROL_OPTIONS = 3 };
 
-/* --hold-fps --budget --quality --front. */
+/* --hold-fps --quality, and --set front. */
 void rate_control_options(struct rate_control *rate_control, struct option options[RATE_CONTROL_OPTIONS]);
 /* -1, or EXIT_USAGE after a message if options contradict each other. */
 int rate_control_check(const struct rate_control *rate_control, const struct args *args);

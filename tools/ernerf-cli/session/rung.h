@@ -21,7 +21,7 @@ struct rung {
 
 struct rate_control {
   /* from the command line */
-  float hold_fps, budget;    /* 0: not asked for */
+  float hold_fps;            /* 0: not asked for */
   int quality;               /* -1: not asked for; exact, balanced, draft */
   const char *front;         /* NULL: that stored beside MODEL, if any */
   bool warns_if_unreachable; /* set by the verb: a budget that no setting holds causes only a warning */

@@ -63,11 +63,11 @@ void session_compute_options(struct session *session, struct option options[SESS
        .high = 255,
        .help = "number of an OpenCL device, as `ernerf info devices` counts; with --backend opencl"},
       {.name = "deterministic",
+       .seldom = true,
        .kind = OPTION_FLAG,
        .target = &session->deterministic,
-       .help = "the same bytes in every run also on OpenCL devices that are no CPU, which makes them slower; on a CPU "
-               "this holds without the option. It does not hold for what follows the clock (train --time, render "
-               "--hold-fps and --budget, and --quality where the settings are measured at the start)"},
+       .help = "the same bytes in every run also on OpenCL devices that are no CPU, which makes them slower; not of "
+               "train --time, --hold-fps, and --quality where its settings are measured at the start"},
       {.name = "isa",
        .kind = OPTION_TEXT,
        .target = &session->isa,

@@ -50,7 +50,7 @@ struct session {
 enum { SESSION_OUTPUT_OPTIONS = 3, SESSION_COMPUTE_OPTIONS = 5, SESSION_SEED_OPTIONS = 1 };
 /* --quiet --json --overwrite. */
 void session_output_options(struct session *session, struct option options[SESSION_OUTPUT_OPTIONS]);
-/* --backend --device --deterministic --isa --threads. */
+/* --backend --device --isa --threads, and --set deterministic. */
 void session_compute_options(struct session *session, struct option options[SESSION_COMPUTE_OPTIONS]);
 /* --seed, for verbs that use random numbers. */
 void session_seed_options(struct session *session, struct option options[SESSION_SEED_OPTIONS]);

@@ -8,13 +8,13 @@
 enum { FRAMES_A_SECOND = 25, WINDOWS = 8, CODE = 32, MOST_FRAMES = 500 };
 
 void silence_pose_options(struct silence_pose *pose, struct option options[SILENCE_POSE_OPTIONS]) {
-  options[0] = (struct option){.name = "no-silence-pose",
-                               .alias = "no_rest",
-                               .kind = OPTION_FLAG,
+  options[0] = (struct option){.name = "silence-pose",
+                               .seldom = true,
+                               .kind = OPTION_OFF,
                                .target = &pose->off,
                                .help =
-                                   "do not bring the mouth to rest in silence; without this option it rests, as in "
-                                   "silent frames of the clip, where nothing is said for 8 frames or more"};
+                                   "the mouth rests, as in silent frames of the clip, where nothing is said for 8 "
+                                   "frames or more; no: it follows the sound alone (default yes)"};
 }
 
 void silence_pose_free(struct silence_pose *pose) {

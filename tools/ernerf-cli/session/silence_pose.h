@@ -15,7 +15,7 @@ struct silence_pose {
 };
 
 enum { SILENCE_POSE_OPTIONS = 1 };
-/* --no-silence-pose. */
+/* --set silence-pose. */
 void silence_pose_options(struct silence_pose *pose, struct option options[SILENCE_POSE_OPTIONS]);
 
 /* Learns to detect silence, and the silence code, from the portrait's clip. If that is impossible, prints a message and

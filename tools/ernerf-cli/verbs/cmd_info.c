@@ -35,7 +35,7 @@ static void take_device(void *user, const ern_device_info *device) {
           device->driver, (double)device->buffer_bytes / GIB, (double)device->local_bytes / 1024,
           device->half ? "yes" : "no", device->subgroups ? "yes" : "no", device->tuned ? "yes" : "no",
           device->adds_floats ? "one instruction" : "a loop", device->tensor_cores ? "yes" : "no",
-          device->kernels_kept ? "yes" : "no", device->deterministic ? "yes" : "with --deterministic alone");
+          device->kernels_kept ? "yes" : "no", device->deterministic ? "yes" : "with --set deterministic=yes alone");
   }
   json_array_append_new(
       devices->list,

@@ -11,7 +11,7 @@
 #include "verbs.h"
 #include "verbs/render_job.h"
 
-/* PICTURE_BYTES: memory for the clip's torso pictures without --memory: practically none. They are read in advance, and
+/* PICTURE_BYTES: memory for the clip's torso pictures without `memory`: practically none. They are read in advance, and
  * seldom used twice. */
 enum { OWN_OPTIONS = 10, PICTURE_BYTES = 1 };
 
@@ -101,10 +101,8 @@ static int check_usage(struct render_job *job, const struct args *args) {
                          "is drawn on pictures of 8 bits, and an .exr holds values for further processing");
   if (status < 0 && !args_given(args, "size")) status = args_forbid(args, "fit", "needs --size");
   if (status < 0) status = control_check(&job->control, args);
-  if (status < 0) status = frame_reuse_check(args);
   if (status < 0 && rate_control_asked(&job->rate_control))
-    status =
-        args_forbid(args, "reuse-rays no-reuse-rays", "is not for a budget, whose settings are timed by whole frames");
+    status = args_forbid(args, "reuse-rays", "is not for a budget, whose settings are timed by whole frames");
   if (status < 0) status = rate_control_check(&job->rate_control, args);
   if (status < 0 && sink_on_stdout(&job->sink) && session_json_on_stdout(&job->session))
     status = args_refuse(args, "--json and -o - both take standard output, expected --json FILE.json");
@@ -225,7 +223,7 @@ static void say_plan(struct render_job *job) {
   const size_t silent = silence_pose_count(&job->silence_pose, &job->frame_source);
   if (silent > 0)
     session_note(&job->session,
-                 "render: in %zu of %zu frames nothing is said: the mouth rests (--no-silence-pose: it does not)",
+                 "render: in %zu of %zu frames nothing is said: the mouth rests (--set silence-pose=no: it does not)",
                  silent, job->frame_source.count);
 }
 

@@ -449,7 +449,12 @@ int cmd_train(int argc, char **argv) {
           "X.run holds state.safetensors and its predecessor, log.jsonl, measures.csv, curve.csv and its plots over\n"
           "seconds and steps, and val_NNNNNN.png: rendered, recorded, 4 times their difference, attention of speech "
           "and\n"
-          "of the eyes.",
+          "of the eyes.\n"
+          "With --time other settings are the default: ema=yes ema_every=40 refine_poses=yes prune_share=0.3, with\n"
+          "--backend opencl or under mpirun frames_per_step=4, and under mpirun step_parts=4, or the number of "
+          "processes\n"
+          "if that is more (without --time too).",
+      .settings = &job.chosen,
       .public_names = true,
       .words = words,
       .word_count = 1,

@@ -104,14 +104,7 @@ void train_goal_options(struct train_job *job, struct option options[TRAIN_GOAL_
        .choices = "auto|none|LIST",
        .help = "what the head models, comma-separated: eye (blinks), codes (a learnt vector for each training "
                "frame), view (the colour depends on the direction of view), torso (the clip's torso picture lies "
-               "behind the head); auto: what `ernerf check` finds in the clip (default auto)"},
-      {.name = "set",
-       .kind = OPTION_SET,
-       .target = &job->chosen,
-       .help = "set what is seldom set, such as refine_poses=no; again for each; --set help lists all names, with "
-               "meaning, range and default (with --time other defaults: ema=yes ema_every=40 refine_poses=yes "
-               "prune_share=0.3, and with --backend opencl or under mpirun frames_per_step=4; under mpirun also "
-               "step_parts=4, or the number of processes if that is more)"}};
+               "behind the head); auto: what `ernerf check` finds in the clip (default auto)"}};
   ARGS_FILL(options, rows, TRAIN_GOAL_OPTIONS);
 }
 
