@@ -1,0 +1,88 @@
+/* SPDX-License-Identifier: MIT
+ * Pictures with an ICC profile: their colours become those of sRGB. */
+#include <stdbool.h>
+
+#include "core/memory.h"
+#include "ernerf/media.h"
+#include "io/file.h"
+#include "support.h"
+
+static ern_context *context;
+
+static int set_up(void **state) {
+  (void)state;
+  context = support_context();
+  return 0;
+}
+
+static int tear_down(void **state) {
+  (void)state;
+  ern_context_free(&context);
+  return 0;
+}
+
+/* Writes `to`: the JPEG `from` with an ICC profile: colorants and one curve, a power of 2 + 51/256 (Adobe RGB) or that
+ * of sRGB; `space` is "RGB " or another. */
+static void add_profile(const char *from, const char *to, const char *space, const uint32_t colorants[9], bool srgb) {
+  static const char *const names[6] = {"rXYZ", "gXYZ", "bXYZ", "rTRC", "gTRC", "bTRC"};
+  /* parametricCurveType 3: g a b c d */
+  static const uint32_t curves[2][7] = {{0x63757276, 0, 1, 0x02330000},
+                                        {0x70617261, 0, 0x30000, 0x26666, 0xf2a7, 0xd59, 0x13d0}};
+  enum { WORDS = (128 + 4 + 6 * 12) / 4, ALL = WORDS + 3 * 5 + 8, SEGMENT = 18 };
+  uint32_t words[ALL] = {4 * ALL}, last = curves[srgb][6];
+  uint8_t profile[SEGMENT + 4 * ALL] = {0xff, 0xe2, (SEGMENT - 2 + 4 * ALL) >> 8, (SEGMENT - 2 + 4 * ALL) & 255},
+                                *bytes = NULL;
+  size_t count = 0;
+  memcpy(profile + 4, "ICC_PROFILE\0\1\1", 14);
+  words[32] = 6;
+  for (uint32_t i = 0; i < 6; i++)
+    words[34 + 3 * i] = 4 * (WORDS + 5 * (i < 3 ? i : 3)), words[35 + 3 * i] = i < 3 ? 20 : 32;
+  for (size_t i = 0; i < 3; i++) {
+    words[WORDS + 5 * i] = 0x58595a20; /* "XYZ " */
+    memcpy(words + WORDS + 5 * i + 2, colorants + 3 * i, 12);
+  }
+  memcpy(words + WORDS + 15, curves[srgb], 24);
+  words[ALL - 2] = last;
+  for (size_t i = 0; i < sizeof words; i++) profile[SEGMENT + i] = (uint8_t)(words[i / 4] >> (24 - 8 * (i % 4)));
+  memcpy(profile + SEGMENT + 16, space, 4);
+  memcpy(profile + SEGMENT + 20, "XYZ ", 4);
+  memcpy(profile + SEGMENT + 36, "acsp", 4);
+  for (size_t i = 0; i < 6; i++) memcpy(profile + SEGMENT + 132 + 12 * i, names[i], 4);
+  support_ok(context, ern_file_read(context, from, 1 << 20, &bytes, &count));
+  FILE *file = fopen(to, "wb");
+  assert_non_null(file);
+  fwrite(bytes, 1, 2, file);
+  fwrite(profile, 1, sizeof profile, file);
+  fwrite(bytes + 2, 1, count - 2, file);
+  assert_int_equal(fclose(file), 0);
+  ern_release(context, bytes);
+}
+
+/* Colours of a profile become those of sRGB, as NumPy computes them from primaries, white and power; those of a profile
+ * of sRGB stay to the bit, and so do those of a profile of another form. */
+static void test_colour_profile(void **state) {
+  (void)state;
+  static const uint32_t adobe[9] = {0x9c18, 0x4fa5, 0x4fc, 0x348d, 0xa02c, 0xf95, 0x2631, 0x102f, 0xbe9b},
+                        own[9] = {0x6fa2, 0x38f5, 0x390, 0x6299, 0xb785, 0x18da, 0x24a0, 0xf84, 0xb6cf};
+  static const uint8_t stored[3] = {100, 150, 80}, shown[3] = {66, 151, 74};
+  enum { WIDE = 32, HIGH = 16, BYTES = 3 * WIDE * HIGH };
+  uint8_t colours[BYTES];
+  const ern_image made = {.width = WIDE, .height = HIGH, .channels = 3, .data = colours};
+  ern_image plain = {0}, read = {0};
+  for (size_t i = 0; i < BYTES; i++) colours[i] = stored[i % 3];
+  support_ok(context, ern_image_write(context, "plain.jpg", &made, 100));
+  support_ok(context, ern_image_read(context, "plain.jpg", 3, &plain));
+  for (int k = 0; k < 3; k++) {
+    add_profile("plain.jpg", "tagged.jpg", k < 2 ? "RGB " : "CMYK", k == 1 ? own : adobe, k == 1);
+    support_ok(context, ern_image_read(context, "tagged.jpg", 3, &read));
+    for (size_t i = 0; i < BYTES; i++) /* a JPEG's values are within 1, and the curves' slopes below 1.3 */
+      assert_true(k == 0 ? abs(read.data[i] - shown[i % 3]) <= 2 : read.data[i] == plain.data[i]);
+    ern_image_free(context, &read);
+  }
+  ern_image_free(context, &plain);
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_colour_profile)};
+  return cmocka_run_group_tests(tests, set_up, tear_down);
+}
