@@ -3,6 +3,8 @@
 #ifndef ERN_MEDIA_IMAGE_H
 #define ERN_MEDIA_IMAGE_H
 
+#include <stdbool.h>
+
 #include "core/status.h"
 #include "ernerf/media.h"
 
@@ -36,6 +38,10 @@ ERN_NODISCARD ern_status ern_image_check_head(ern_context *context, const char *
  * that it states; ERN_OK for any other file. Chunks of pixels are looked at only where pixels is true. libpng, under
  * OpenImageIO, prints and leaks memory on such files, so this check comes first. */
 ERN_NODISCARD ern_status ern_image_check_png_whole(ern_context *context, const char *path, bool pixels);
+
+/* Whether a TIFF says that its colours are multiplied by alpha. One that says nothing of its fourth channel, as OpenCV
+ * writes, holds colours as they are. */
+bool ern_image_tiff_is_multiplied(const char *path);
 
 /* The colours of `image` (3 or 4 channels; alpha stays), which are those of the profile, become those of sRGB, cut off
  * where sRGB has no such colour. They stay where the profile is that of sRGB, and, with a warning, where it is not one

@@ -129,7 +129,8 @@ ern_status read_stored(ern_context *context, const char *path, OIIO::ImageInput 
   const int stored = spec.nchannels < 4 ? spec.nchannels : 4;
   const int alpha = spec.alpha_channel < stored ? spec.alpha_channel : -1;
   /* OpenEXR, and a TIFF that says so; OpenImageIO multiplies the colours of a WebP itself */
-  const bool multiplied = alpha >= 0 && spec.get_int_attribute("oiio:UnassociatedAlpha") == 0;
+  const bool multiplied = alpha >= 0 && spec.get_int_attribute("oiio:UnassociatedAlpha") == 0 &&
+                          (std::strcmp(input.format_name(), "tiff") != 0 || ern_image_tiff_is_multiplied(path));
   ern_status status = ern_image_make(context, path, spec.width, spec.height, channels, image);
   if (status != ERN_OK) return status;
   if (!multiplied && stored == channels && (channels == 3 || alpha == 3))

@@ -219,6 +219,29 @@ ern_status ern_image_check_head(ern_context *context, const char *path, const ch
   return status;
 }
 
+/* ---- the alpha of a TIFF ----------------------------------------------------------------------------------------- */
+
+static uint32_t number(const uint8_t *bytes, int count, bool little) {
+  return !little ? big_endian(bytes, count) : count == 2 ? bytes[0] | (uint32_t)bytes[1] << 8 : little_endian(bytes);
+}
+
+bool ern_image_tiff_is_multiplied(const char *path) {
+  enum { EXTRA_SAMPLES = 338, ASSOCIATED = 1 };
+  uint8_t start[8], entry[12];
+  bool multiplied = false;
+  FILE *file = fopen(path, "rb");
+  if (file == NULL) return false;
+  if (fread(start, 1, sizeof start, file) == sizeof start) {
+    const bool little = start[0] == 'I';
+    if (fseek(file, (long)number(start + 4, 4, little), SEEK_SET) == 0 && fread(entry, 1, 2, file) == 2)
+      for (uint32_t left = number(entry, 2, little); left > 0 && fread(entry, 1, sizeof entry, file) == sizeof entry;
+           left--)
+        if (number(entry, 2, little) == EXTRA_SAMPLES && number(entry + 8, 2, little) == ASSOCIATED) multiplied = true;
+  }
+  fclose(file);
+  return multiplied;
+}
+
 /* ---- the chunks of a PNG ----------------------------------------------------------------------------------------- */
 
 /* The tables of a checksum (CRC-32 of the PNG specification, annex D) that takes four bytes a step: table[k][b] is the

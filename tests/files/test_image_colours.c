@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * Pictures with an ICC profile: their colours become those of sRGB. */
+ * Pictures with an ICC profile: their colours become those of sRGB. TIFFs whose colours are multiplied by alpha, or
+ * not. */
 #include <stdbool.h>
 
 #include "core/memory.h"
@@ -82,7 +83,41 @@ static void test_colour_profile(void **state) {
   ern_image_free(context, &plain);
 }
 
+/* A pixel of a TIFF, R G B A. extra: its tag ExtraSamples: 0 not said, 1 multiplied by alpha, 2 not; -1: no tag. */
+static void write_tiff(const char *path, const uint8_t rgba[4], int extra) {
+  enum { TAGS = 10, BITS = 8 + 2 + 12 * TAGS + 4, PIXEL = BITS + 8 };
+  const uint16_t values[TAGS][3] = {
+      {256, 1, 1},     {257, 1, 1}, {258, 4, BITS}, {259, 1, 1}, {262, 1, 2},
+      {273, 1, PIXEL}, {277, 1, 4}, {278, 1, 1},    {279, 1, 4}, {338, 1, (uint16_t)extra}};
+  uint8_t bytes[PIXEL + 4] = {'M', 'M', 0, 42, 0, 0, 0, 8, 0, (uint8_t)(extra < 0 ? TAGS - 1 : TAGS)};
+  for (size_t i = 0; i < TAGS; i++) {
+    uint8_t *tag = bytes + 10 + 12 * i;
+    const bool far = values[i][1] > 1; /* the value is where four values of 2 bytes are */
+    tag[0] = (uint8_t)(values[i][0] >> 8), tag[1] = (uint8_t)values[i][0];
+    tag[3] = 3; /* SHORT */
+    tag[7] = (uint8_t)values[i][1];
+    tag[far ? 10 : 8] = (uint8_t)(values[i][2] >> 8), tag[far ? 11 : 9] = (uint8_t)values[i][2];
+  }
+  if (extra < 0) memset(bytes + 10 + 12 * (TAGS - 1), 0, 12); /* no further picture */
+  for (size_t i = 0; i < 4; i++) bytes[BITS + 2 * i + 1] = 8, bytes[PIXEL + i] = rgba[i];
+  support_write(path, bytes, sizeof bytes);
+}
+
+static void test_alpha_of_tiff(void **state) {
+  (void)state;
+  static const uint8_t stored[4] = {100, 50, 25, 128}, divided[4] = {199, 100, 50, 128};
+  for (int extra = -1; extra <= 2; extra++) {
+    ern_image read = {0};
+    write_tiff("alpha.tiff", stored, extra);
+    support_ok(context, ern_image_read(context, "alpha.tiff", 4, &read));
+    for (int c = 0; c < (extra == 0 ? 3 : 4); c++) /* what is not said to be alpha may be anything */
+      if (read.data[c] != (extra == 1 ? divided : stored)[c])
+        fail_msg("ExtraSamples %d: channel %d is %d", extra, c, read.data[c]);
+    ern_image_free(context, &read);
+  }
+}
+
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_colour_profile)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_colour_profile), cmocka_unit_test(test_alpha_of_tiff)};
   return cmocka_run_group_tests(tests, set_up, tear_down);
 }
