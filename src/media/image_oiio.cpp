@@ -143,8 +143,31 @@ ern_status read_stored(ern_context *context, const char *path, OIIO::ImageInput 
   return status;
 }
 
+/* OpenImageIO does not hand out the profile of a WebP: a chunk (name, 4 bytes of size, little end first, that many
+ * bytes, filled to an even number) after "RIFF", the file's size and "WEBP". */
+ern_status apply_webp_profile(ern_context *context, const char *path, ern_image *image) {
+  uint8_t *bytes = nullptr;
+  size_t count = 0;
+  ern_status status = ern_file_read(context, path, size_t{1} << 28, &bytes, &count);
+  for (size_t at = 12; status == ERN_OK && at + 8 <= count;) {
+    const uint8_t *chunk = bytes + at;
+    const size_t size = chunk[4] | static_cast<size_t>(chunk[5]) << 8 | static_cast<size_t>(chunk[6]) << 16 |
+                        static_cast<size_t>(chunk[7]) << 24;
+    if (size > count - at - 8) break;
+    if (std::memcmp(chunk, "ICCP", 4) == 0) {
+      status = ern_colour_profile_apply(context, path, chunk + 8, size, image);
+      break;
+    }
+    at += 8 + size + size % 2;
+  }
+  ern_release(context, bytes);
+  return status;
+}
+
 /* The colours become those of sRGB, or a warning says that they are taken as those. */
-ern_status become_srgb(ern_context *context, const char *path, const OIIO::ImageSpec &spec, ern_image *image) {
+ern_status become_srgb(ern_context *context, const char *path, const OIIO::ImageInput &input, ern_image *image) {
+  const OIIO::ImageSpec &spec = input.spec();
+  if (std::strcmp(input.format_name(), "webp") == 0) return apply_webp_profile(context, path, image);
   const OIIO::ParamValue *profile = spec.find_attribute("ICCProfile");
   if (profile != nullptr)
     return ern_colour_profile_apply(context, path, static_cast<const uint8_t *>(profile->data()),
@@ -168,7 +191,7 @@ ern_status read_pixels(ern_context *context, const char *path, int channels, ern
   if (status != ERN_OK) return status;
   const int orientation = orientation_of(input->spec());
   status = read_stored(context, path, *input, channels, image);
-  if (status == ERN_OK) status = become_srgb(context, path, input->spec(), image);
+  if (status == ERN_OK) status = become_srgb(context, path, *input, image);
   if (status != ERN_OK || orientation == 1) return status;
   status = ern_image_turn(context, path, image, orientation, &turned);
   ern_image_free(context, image);

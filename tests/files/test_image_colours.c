@@ -76,11 +76,42 @@ static void test_colour_profile(void **state) {
   for (int k = 0; k < 3; k++) {
     add_profile("plain.jpg", "tagged.jpg", k < 2 ? "RGB " : "CMYK", k == 1 ? own : adobe, k == 1);
     support_ok(context, ern_image_read(context, "tagged.jpg", 3, &read));
+    if (k == 0) assert_int_equal(rename("tagged.jpg", "adobe.jpg"), 0); /* of the next test */
     for (size_t i = 0; i < BYTES; i++) /* a JPEG's values are within 1, and the curves' slopes below 1.3 */
       assert_true(k == 0 ? abs(read.data[i] - shown[i % 3]) <= 2 : read.data[i] == plain.data[i]);
     ern_image_free(context, &read);
   }
   ern_image_free(context, &plain);
+}
+
+/* A WebP keeps its profile in a chunk: that of the JPEG `from`, before (200, 100, 50), 8 x 8 pixels, half transparent.
+ */
+static void test_profile_of_webp(void **state) {
+  (void)state;
+  static const char pixels[] = "VP8L\x11\0\0\0\x2f\x07\xc0\x01\x10\x07\x50\xb2\x22\x57\xa6\x80\x81\x88\xe8\x7f\0\0";
+  static const uint8_t start[30] = {'R', 'I', 'F', 'F', 0, 0,    0, 0, 'W', 'E', 'B', 'P', 'V', 'P', '8',
+                                    'X', 10,  0,   0,   0, 0x30, 0, 0, 0,   7,   0,   0,   7,   0,   0};
+  /* NumPy, from primaries, white and power of Adobe RGB */
+  static const uint8_t shown[3] = {227, 100, 42};
+  uint8_t *jpeg = NULL, file[1024];
+  size_t count = 0, at = sizeof start;
+  ern_image read = {0};
+  support_ok(context, ern_file_read(context, "adobe.jpg", 1 << 20, &jpeg, &count));
+  const size_t profile = (size_t)jpeg[20] << 24 | (size_t)jpeg[21] << 16 | (size_t)jpeg[22] << 8 | jpeg[23];
+  memcpy(file, start, at);
+  memcpy(file + at, "ICCP", 4);
+  for (size_t i = 0; i < 4; i++) file[at + 4 + i] = (uint8_t)(profile >> (8 * i));
+  memcpy(file + at + 8, jpeg + 20, profile);
+  at += 8 + profile;
+  memcpy(file + at, pixels, sizeof pixels - 1);
+  at += sizeof pixels - 1;
+  for (size_t i = 0; i < 4; i++) file[4 + i] = (uint8_t)((at - 8) >> (8 * i));
+  support_write("adobe.webp", file, at);
+  support_ok(context, ern_image_read(context, "adobe.webp", 3, &read));
+  for (int c = 0; c < 3; c++)
+    if (abs(read.data[c] - shown[c]) > 2) fail_msg("channel %d is %d, expected %d", c, read.data[c], shown[c]);
+  ern_image_free(context, &read);
+  ern_release(context, jpeg);
 }
 
 /* A pixel of a TIFF, R G B A. extra: its tag ExtraSamples: 0 not said, 1 multiplied by alpha, 2 not; -1: no tag. */
@@ -118,6 +149,7 @@ static void test_alpha_of_tiff(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_colour_profile), cmocka_unit_test(test_alpha_of_tiff)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_colour_profile), cmocka_unit_test(test_profile_of_webp),
+                                     cmocka_unit_test(test_alpha_of_tiff)};
   return cmocka_run_group_tests(tests, set_up, tear_down);
 }
