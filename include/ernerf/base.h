@@ -84,8 +84,10 @@ typedef enum ern_log_level {
  *   ends the call. What a callback writes is checked as arguments are. */
 
 /* Types. "Plain data" is a struct without functions of its own. Any number of threads may read one at the same time.
- * While one thread writes it, or has a function write it, no other thread may read or write it. What is handed to a
- * callback by pointer is valid until the callback returns.
+ * While one thread writes it, or has a function write it, no other thread may read or write it. The comment of an
+ * object's type says what threads may do with the object. Nothing checks either: where a program does otherwise,
+ * results are wrong without an error, or the process ends. What is handed to a callback by pointer is valid until the
+ * callback returns.
  *
  * "Final": no later version adds members to the struct. "May grow": a later version may add members at its end. A
  * program that was built with earlier headers still runs then, as the library knows which size the program's headers

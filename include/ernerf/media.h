@@ -52,9 +52,10 @@ static inline ern_provenance ern_provenance_default(void) {
 
 /* Reads a still (PNG, JPEG, OpenEXR, TIFF, BMP, GIF, WebP or PNM, by its content) as 8-bit with 3 or 4 channels: grey
  * is repeated, missing alpha is 255, alpha that was not asked for is dropped (not multiplied in). A picture with an
- * EXIF orientation is turned upright. Values 0..1 of OpenEXR become 0..255 without a transfer curve. On success the
- * caller owns image->data (ern_image_free). A file whose header has a side above ERN_IMAGE_MAX_SIDE, or a size that the
- * file is too short for, is refused before memory is taken. */
+ * EXIF orientation is turned upright. Colours of an ICC profile of a matrix and curves (Display P3, Adobe RGB, grey)
+ * become those of sRGB; a profile of another form is ignored with a warning. Values 0..1 of OpenEXR become 0..255
+ * without a transfer curve. On success the caller owns image->data (ern_image_free). A file whose header has a side
+ * above ERN_IMAGE_MAX_SIDE, or a size that the file is too short for, is refused before memory is taken. */
 ERN_API ERN_NODISCARD ern_status ern_image_read(ern_context *context, const char *path, int channels, ern_image *image);
 /* Width and height, upright, from the header alone. */
 ERN_API ERN_NODISCARD ern_status ern_image_size(ern_context *context, const char *path, int *width, int *height);
@@ -315,7 +316,8 @@ typedef struct ern_dub_input {
   const uint8_t *recorded; /* [height][width][3] RGB */
   int width, height;       /* pixels, 1..ERN_IMAGE_MAX_SIDE */
   int square[4];           /* x, y, width, height: where the clip's square is, pixels; may reach beyond the frame */
-  float landmarks[68][2];  /* of the recorded face, x right, y down, in shares of the square (0..1); order of 300-W */
+  float landmarks[68][2];  /* of the recorded face, x right, y down, in shares of the square (0..1; beyond it -8..8);
+                              order of 300-W */
   const ern_image *recorded_head; /* one channel, of the square: 255 where the recorded head is (ern_clip_head); NULL:
                                      not known, all of the square may be drawn on */
   int box[4]; /* x, y, width, height: the part of the frame that the head is rendered for (ern_dub_box), pixels */
@@ -327,7 +329,8 @@ typedef struct ern_dub_input {
 
 /* box: x, y, width, height of the part of the frame that a dubbed frame can differ in, pixels; width and height are 0
  * where there is none: the lower face is not within square and frame, or the face has less than 16 pixels. Reads width,
- * height, square and landmarks. Any number of threads. ERN_E_NONFINITE: a landmark is not finite. */
+ * height, square and landmarks. Any number of threads. ERN_E_NONFINITE: a landmark is not finite. ERN_E_ARGUMENT: one
+ * is beyond -8..8, as in pixels. */
 ERN_API ERN_NODISCARD ern_status ern_dub_box_sized(ern_context *context, const ern_dub_input *input, size_t bytes,
                                                    int box[4]);
 static inline ERN_NODISCARD ern_status ern_dub_box(ern_context *context, const ern_dub_input *input, int box[4]) {

@@ -226,6 +226,9 @@ class _Object:
     def __del__(self):
         self.close()
 
+    def __reduce_ex__(self, _):  # copy and pickle: both objects would free the same handle
+        raise TypeError(f"a {type(self).__name__} cannot be copied or pickled")
+
 
 class _Memory:
     """An object's memory as an array, which keeps the object from being freed."""
@@ -251,6 +254,8 @@ class Context(_Object):
     """
 
     def __init__(self, library=None, log=None, keep_files=False):
+        if log is not None and not callable(log):
+            raise TypeError(f"log is {log!r}, expected a function or None")
         self._engine = _c.open_engine(library)
         self._media_library = None
         config = _filled(self._engine.ern_context_config_fill, _c.ContextConfig, {"keep_files": keep_files}, "Context")

@@ -8,6 +8,10 @@
 #include "core/floats.h"
 #include "core/sized.h"
 
+/* Shares of the square. A face that leaves the square has landmarks beyond 0..1, up to this. In pixels, a face that is
+ * large enough to be drawn (16 pixels) has some beyond it. */
+#define LANDMARK_MOST 8.0F
+
 /* The frame, the square and the landmarks. */
 static ern_status check_face(ern_context *context, const ern_dub_input *in) {
   const int *square = in->square;
@@ -21,9 +25,14 @@ static ern_status check_face(ern_context *context, const ern_dub_input *in) {
                       "dub: the square is at %d, %d with %d x %d pixels, expected -%d to %d and 1 to %d a side",
                       square[0], square[1], square[2], square[3], ERN_IMAGE_MAX_SIDE, ERN_IMAGE_MAX_SIDE,
                       ERN_IMAGE_MAX_SIDE);
-  for (int i = 0; i < 68; i++)
-    if (!isfinite(in->landmarks[i][0]) || !isfinite(in->landmarks[i][1]))
-      return ern_fail(context, ERN_E_NONFINITE, "dub: landmark %d is not finite", i);
+  for (int i = 0; i < 68; i++) {
+    const float x = in->landmarks[i][0], y = in->landmarks[i][1];
+    if (!isfinite(x) || !isfinite(y)) return ern_fail(context, ERN_E_NONFINITE, "dub: landmark %d is not finite", i);
+    if (fabsf(x) > LANDMARK_MOST || fabsf(y) > LANDMARK_MOST)
+      return ern_fail(context, ERN_E_ARGUMENT,
+                      "dub: landmark %d is at %g, %g, expected shares of the square (0..1), not pixels", i, (double)x,
+                      (double)y);
+  }
   return ERN_OK;
 }
 

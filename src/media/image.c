@@ -73,29 +73,3 @@ void ern_image_free(ern_context *context, ern_image *image) {
   ern_release(context, image->data);
   *image = (ern_image){0};
 }
-
-ern_status ern_image_check_png_whole(ern_context *context, const char *path) {
-  static const uint8_t signature[8] = {0x89, 'P', 'N', 'G', '\r', '\n', 0x1a, '\n'};
-  ern_status status = ERN_OK;
-  uint8_t head[8];
-  uint64_t at = sizeof signature;
-  FILE *file = fopen(path, "rb");
-  if (file == NULL) return ern_fail(context, ERN_E_IO, "%s: cannot open", path);
-  if (fread(head, 1, sizeof head, file) != sizeof head || memcmp(head, signature, sizeof head) != 0) goto fail;
-  /* a chunk: length (4 bytes, big end first), name (4), that many bytes, checksum (4) */
-  for (bool ended = false; !ended;) {
-    const bool headed = fread(head, 1, sizeof head, file) == sizeof head;
-    const uint32_t length =
-        (uint32_t)head[0] << 24 | (uint32_t)head[1] << 16 | (uint32_t)head[2] << 8 | (uint32_t)head[3];
-    ended = headed && memcmp(head + 4, "IEND", 4) == 0;
-    /* where the last byte of the checksum exists, the chunk is whole */
-    if (!headed || length > INT32_MAX || fseek(file, (long)length + 3, SEEK_CUR) != 0 || fgetc(file) == EOF) {
-      ERN_TRY(ern_fail(context, ERN_E_FORMAT, "%s: PNG is cut short: the chunk at byte %llu is not whole", path,
-                       (unsigned long long)at));
-    }
-    at += sizeof head + length + 4;
-  }
-fail:
-  fclose(file);
-  return status;
-}

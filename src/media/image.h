@@ -3,6 +3,8 @@
 #ifndef ERN_MEDIA_IMAGE_H
 #define ERN_MEDIA_IMAGE_H
 
+#include <stdbool.h>
+
 #include "core/status.h"
 #include "ernerf/media.h"
 
@@ -32,8 +34,19 @@ ERN_NODISCARD ern_status ern_image_check(ern_context *context, const char *what,
  * format. */
 ERN_NODISCARD ern_status ern_image_check_head(ern_context *context, const char *path, const char **format);
 
-/* ERN_E_FORMAT where a PNG file ends before its last chunk; ERN_OK for any other file. libpng, under OpenImageIO,
- * prints and leaks memory on such files, so this check comes first. */
-ERN_NODISCARD ern_status ern_image_check_png_whole(ern_context *context, const char *path);
+/* ERN_E_FORMAT where a PNG file ends before its last chunk, or where a chunk that a decoder needs has not the checksum
+ * that it states; ERN_OK for any other file. Chunks of pixels are looked at only where pixels is true. libpng, under
+ * OpenImageIO, prints and leaks memory on such files, so this check comes first. */
+ERN_NODISCARD ern_status ern_image_check_png_whole(ern_context *context, const char *path, bool pixels);
+
+/* Whether a TIFF says that its colours are multiplied by alpha. One that says nothing of its fourth channel, as OpenCV
+ * writes, holds colours as they are. */
+bool ern_image_tiff_is_multiplied(const char *path);
+
+/* The colours of `image` (3 or 4 channels; alpha stays), which are those of the profile, become those of sRGB, cut off
+ * where sRGB has no such colour. They stay where the profile is that of sRGB, and, with a warning, where it is not one
+ * of a matrix and curves, or is damaged. `path` is for the warning. */
+ERN_NODISCARD ern_status ern_colour_profile_apply(ern_context *context, const char *path, const uint8_t *profile,
+                                                  size_t bytes, ern_image *image);
 
 #endif

@@ -58,11 +58,12 @@ ern_status check_claim(ern_context *context, const char *path, const OIIO::Image
 
 /* Opens a picture by its content and checks its header. OpenImageIO would parse parts of a name as options or as a
  * video, so this function chooses the reader. Unassociated alpha stays so, except that of a WebP. */
-ern_status open_picture(ern_context *context, const char *path, std::unique_ptr<OIIO::ImageInput> &input) {
+ern_status open_picture(ern_context *context, const char *path, bool for_pixels,
+                        std::unique_ptr<OIIO::ImageInput> &input) {
   const char *format = "";
   ern_status status = ern_input_check(context, path);
   if (status == ERN_OK) status = ern_image_check_head(context, path, &format);
-  if (status == ERN_OK) status = ern_image_check_png_whole(context, path);
+  if (status == ERN_OK) status = ern_image_check_png_whole(context, path, for_pixels);
   if (status != ERN_OK) return status;
   OIIO::ImageSpec config, opened;
   config.attribute("oiio:UnassociatedAlpha", 1);
@@ -128,7 +129,8 @@ ern_status read_stored(ern_context *context, const char *path, OIIO::ImageInput 
   const int stored = spec.nchannels < 4 ? spec.nchannels : 4;
   const int alpha = spec.alpha_channel < stored ? spec.alpha_channel : -1;
   /* OpenEXR, and a TIFF that says so; OpenImageIO multiplies the colours of a WebP itself */
-  const bool multiplied = alpha >= 0 && spec.get_int_attribute("oiio:UnassociatedAlpha") == 0;
+  const bool multiplied = alpha >= 0 && spec.get_int_attribute("oiio:UnassociatedAlpha") == 0 &&
+                          (std::strcmp(input.format_name(), "tiff") != 0 || ern_image_tiff_is_multiplied(path));
   ern_status status = ern_image_make(context, path, spec.width, spec.height, channels, image);
   if (status != ERN_OK) return status;
   if (!multiplied && stored == channels && (channels == 3 || alpha == 3))
@@ -141,13 +143,55 @@ ern_status read_stored(ern_context *context, const char *path, OIIO::ImageInput 
   return status;
 }
 
+/* OpenImageIO does not hand out the profile of a WebP: a chunk (name, 4 bytes of size, little end first, that many
+ * bytes, filled to an even number) after "RIFF", the file's size and "WEBP". */
+ern_status apply_webp_profile(ern_context *context, const char *path, ern_image *image) {
+  uint8_t *bytes = nullptr;
+  size_t count = 0;
+  ern_status status = ern_file_read(context, path, size_t{1} << 28, &bytes, &count);
+  for (size_t at = 12; status == ERN_OK && at + 8 <= count;) {
+    const uint8_t *chunk = bytes + at;
+    const size_t size = chunk[4] | static_cast<size_t>(chunk[5]) << 8 | static_cast<size_t>(chunk[6]) << 16 |
+                        static_cast<size_t>(chunk[7]) << 24;
+    if (size > count - at - 8) break;
+    if (std::memcmp(chunk, "ICCP", 4) == 0) {
+      status = ern_colour_profile_apply(context, path, chunk + 8, size, image);
+      break;
+    }
+    at += 8 + size + size % 2;
+  }
+  ern_release(context, bytes);
+  return status;
+}
+
+/* The colours become those of sRGB, or a warning says that they are taken as those. */
+ern_status become_srgb(ern_context *context, const char *path, const OIIO::ImageInput &input, ern_image *image) {
+  const OIIO::ImageSpec &spec = input.spec();
+  if (std::strcmp(input.format_name(), "webp") == 0) return apply_webp_profile(context, path, image);
+  const OIIO::ParamValue *profile = spec.find_attribute("ICCProfile");
+  if (profile != nullptr)
+    return ern_colour_profile_apply(context, path, static_cast<const uint8_t *>(profile->data()),
+                                    static_cast<size_t>(profile->datasize()), image);
+  const double gamma = static_cast<double>(spec.get_float_attribute("oiio:Gamma", 2.2F)); /* of a PNG that states one */
+  if (gamma < 2 || gamma > 2.4)
+    ern_log(context, ERN_LOG_WARNING,
+            "%s: says that its colours have a gamma of %.3g; they are taken as sRGB, about 2.2", path, gamma);
+  if (spec.get_int_attribute("Exif:ColorSpace", 1) == 65535)
+    ern_log(context, ERN_LOG_WARNING,
+            "%s: says that its colours are not those of sRGB, such as Adobe RGB, but has no colour profile; they are "
+            "taken as sRGB",
+            path);
+  return ERN_OK;
+}
+
 ern_status read_pixels(ern_context *context, const char *path, int channels, ern_image *image) {
   std::unique_ptr<OIIO::ImageInput> input;
   ern_image turned = {};
-  ern_status status = open_picture(context, path, input);
+  ern_status status = open_picture(context, path, true, input);
   if (status != ERN_OK) return status;
   const int orientation = orientation_of(input->spec());
   status = read_stored(context, path, *input, channels, image);
+  if (status == ERN_OK) status = become_srgb(context, path, *input, image);
   if (status != ERN_OK || orientation == 1) return status;
   status = ern_image_turn(context, path, image, orientation, &turned);
   ern_image_free(context, image);
@@ -251,7 +295,7 @@ extern "C" ern_status ern_image_size(ern_context *context, const char *path, int
   *width = *height = 0;
   return guarded(context, path, [&] {
     std::unique_ptr<OIIO::ImageInput> opened;
-    const ern_status status = open_picture(context, path, opened);
+    const ern_status status = open_picture(context, path, false, opened);
     if (status == ERN_OK) {
       const OIIO::ImageSpec &spec = opened->spec();
       const bool swapped = orientation_of(spec) >= 5;

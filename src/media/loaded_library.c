@@ -10,7 +10,7 @@ ern_status ern_library_load(ern_context *context, const char *what, const struct
                             void **handle, const void **table) {
   *table = NULL;
   *handle = NULL;
-  if (!ern_load_trial(library->file))
+  if (!ern_load_trial(library->file, library->first))
     return ern_fail(
         context, ERN_E_NO_MEMORY,
         "%s: is computed by %s, which cannot be loaded: the libraries that it needs end the process for want "

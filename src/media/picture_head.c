@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * Checks the header of a picture file before an image library allocates memory by it: the sides, and whether a file of
- * this size can hold so many pixels. */
+ * What of a picture file is checked before an image library reads it. The header: the sides, and whether a file of this
+ * size can hold so many pixels. Of a PNG: whether all of its chunks are there, as their checksums say. */
 #include <stdio.h>
 #include <string.h>
 #include <sys/stat.h>
@@ -216,5 +216,115 @@ ern_status ern_image_check_head(ern_context *context, const char *path, const ch
     status = check_by_format(&head, start, found);
   fclose(head.file);
   if (status == ERN_OK) *format = found;
+  return status;
+}
+
+/* ---- the alpha of a TIFF ----------------------------------------------------------------------------------------- */
+
+static uint32_t number(const uint8_t *bytes, int count, bool little) {
+  return !little ? big_endian(bytes, count) : count == 2 ? bytes[0] | (uint32_t)bytes[1] << 8 : little_endian(bytes);
+}
+
+bool ern_image_tiff_is_multiplied(const char *path) {
+  enum { EXTRA_SAMPLES = 338, ASSOCIATED = 1 };
+  uint8_t start[8], entry[12];
+  bool multiplied = false;
+  FILE *file = fopen(path, "rb");
+  if (file == NULL) return false;
+  if (fread(start, 1, sizeof start, file) == sizeof start) {
+    const bool little = start[0] == 'I';
+    if (fseek(file, (long)number(start + 4, 4, little), SEEK_SET) == 0 && fread(entry, 1, 2, file) == 2)
+      for (uint32_t left = number(entry, 2, little); left > 0 && fread(entry, 1, sizeof entry, file) == sizeof entry;
+           left--)
+        if (number(entry, 2, little) == EXTRA_SAMPLES && number(entry + 8, 2, little) == ASSOCIATED) multiplied = true;
+  }
+  fclose(file);
+  return multiplied;
+}
+
+/* ---- the chunks of a PNG ----------------------------------------------------------------------------------------- */
+
+/* The tables of a checksum (CRC-32 of the PNG specification, annex D) that takes four bytes a step: table[k][b] is the
+ * remainder of byte b with k bytes of 0 after it. */
+struct crc {
+  uint32_t table[4][256];
+};
+
+static void crc_make(struct crc *crc) {
+  for (uint32_t b = 0; b < 256; b++) {
+    uint32_t rest = b;
+    for (int bit = 0; bit < 8; bit++) rest = rest >> 1 ^ (rest & 1 ? 0xedb88320U : 0);
+    crc->table[0][b] = rest;
+  }
+  for (size_t k = 1; k < 4; k++)
+    for (size_t b = 0; b < 256; b++) {
+      const uint32_t rest = crc->table[k - 1][b];
+      crc->table[k][b] = rest >> 8 ^ crc->table[0][rest & 255];
+    }
+}
+
+static uint32_t crc_add(const struct crc *crc, uint32_t sum, const uint8_t *bytes, size_t count) {
+  for (; count >= 4; count -= 4, bytes += 4) {
+    sum ^= bytes[0] | (uint32_t)bytes[1] << 8 | (uint32_t)bytes[2] << 16 | (uint32_t)bytes[3] << 24;
+    sum = crc->table[3][sum & 255] ^ crc->table[2][sum >> 8 & 255] ^ crc->table[1][sum >> 16 & 255] ^
+          crc->table[0][sum >> 24];
+  }
+  for (; count > 0; count--, bytes++) sum = sum >> 8 ^ crc->table[0][(sum ^ *bytes) & 255];
+  return sum;
+}
+
+/* Reads `length` bytes and the checksum after them; *sum: of `name` and these bytes. False: the file ends before. */
+static bool read_chunk(const struct crc *crc, FILE *file, const uint8_t name[4], uint32_t length, uint32_t *sum,
+                       uint32_t *stated) {
+  uint8_t bytes[16384];
+  *sum = crc_add(crc, 0xffffffffU, name, 4);
+  for (size_t left = length; left > 0;) {
+    const size_t part = left < sizeof bytes ? left : sizeof bytes;
+    if (fread(bytes, 1, part, file) != part) return false;
+    *sum = crc_add(crc, *sum, bytes, part);
+    left -= part;
+  }
+  *sum = ~*sum;
+  if (fread(bytes, 1, 4, file) != 4) return false;
+  *stated = big_endian(bytes, 4);
+  return true;
+}
+
+/* Where the last byte of the checksum is there, the chunk is whole. */
+static bool skip_chunk(FILE *file, uint32_t length) {
+  return fseek(file, (long)length + 3, SEEK_CUR) == 0 && fgetc(file) != EOF;
+}
+
+ern_status ern_image_check_png_whole(ern_context *context, const char *path, bool pixels) {
+  static const uint8_t signature[8] = {0x89, 'P', 'N', 'G', '\r', '\n', 0x1a, '\n'};
+  ern_status status = ERN_OK;
+  struct crc crc;
+  uint8_t head[8];
+  uint64_t at = sizeof signature;
+  FILE *file = fopen(path, "rb");
+  if (file == NULL) return ern_fail(context, ERN_E_IO, "%s: cannot open", path);
+  if (fread(head, 1, sizeof head, file) != sizeof head || memcmp(head, signature, sizeof head) != 0) goto fail;
+  crc_make(&crc);
+  /* a chunk: length (4 bytes, big end first), name (4), that many bytes, checksum (4) */
+  for (bool ended = false; !ended;) {
+    const uint8_t *name = head + 4;
+    const bool headed = fread(head, 1, sizeof head, file) == sizeof head;
+    const uint32_t length = big_endian(head, 4);
+    uint32_t sum = 0, stated = 0;
+    ended = headed && memcmp(name, "IEND", 4) == 0;
+    /* a small letter: a decoder leaves the chunk out where it is damaged */
+    const bool summed = headed && (name[0] & 0x20) == 0 && (pixels || memcmp(name, "IDAT", 4) != 0);
+    if (!headed || length > INT32_MAX ||
+        !(summed ? read_chunk(&crc, file, name, length, &sum, &stated) : skip_chunk(file, length)))
+      ERN_TRY(ern_fail(context, ERN_E_FORMAT, "%s: PNG is cut short: the chunk at byte %llu is not whole", path,
+                       (unsigned long long)at));
+    if (sum != stated)
+      ERN_TRY(ern_fail(context, ERN_E_FORMAT,
+                       "%s: PNG is damaged: the chunk at byte %llu has checksum %08x, expected %08x", path,
+                       (unsigned long long)at, (unsigned)sum, (unsigned)stated));
+    at += sizeof head + length + 4;
+  }
+fail:
+  fclose(file);
   return status;
 }

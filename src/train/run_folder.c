@@ -322,13 +322,16 @@ static size_t lines_until(const char *text, size_t count, const char *mark, uint
   return kept;
 }
 
-static ern_status trim(ern_context *context, const char *path, const char *mark, uint64_t step) {
+/* *there: whether the last line that is kept is that of the step itself. */
+static ern_status trim(ern_context *context, const char *path, const char *mark, uint64_t step, bool *there) {
   uint8_t *bytes = NULL;
   size_t count = 0;
+  *there = false;
   if (access(path, F_OK) != 0) return ERN_OK;
   ern_status status = ern_file_read(context, path, LOG_LIMIT, &bytes, &count);
   if (status != ERN_OK) return status;
   const size_t kept = lines_until((const char *)bytes, count, mark, step);
+  *there = step > 0 && kept > lines_until((const char *)bytes, count, mark, step - 1);
   if (kept == 0)
     (void)unlink(path);
   else if (kept < count)
@@ -337,7 +340,10 @@ static ern_status trim(ern_context *context, const char *path, const char *mark,
   return status;
 }
 
-ern_status ern_run_folder_trim(ern_context *context, const struct ern_run_folder *run, uint64_t step) {
-  const ern_status status = trim(context, run->log, "{\"step\": ", step);
-  return status == ERN_OK ? trim(context, run->curve, "", step) : status;
+ern_status ern_run_folder_trim(ern_context *context, struct ern_run_folder *run, uint64_t step) {
+  bool there = false;
+  ern_status status = trim(context, run->log, "{\"step\": ", step, &there);
+  if (status == ERN_OK) status = trim(context, run->curve, "", step, &there);
+  run->unmeasured = !there;
+  return status;
 }

@@ -367,6 +367,21 @@ fail:
   return status;
 }
 
+/* The validation that was stopped at the step of a resume, which is due by steps. */
+static ern_status make_up(ern_trainer *t, const ern_train_hooks *hooks) {
+  const bool missing = t->run.unmeasured && t->communicator.rank == 0;
+  const double began = seconds_now();
+  double validation = 0;
+  t->run.unmeasured = false;
+  if (!missing || (t->step < t->config.iters && (t->config.seconds > 0 || !due(t->step, t->config.validate_every))))
+    return ERN_OK;
+  ern_status status = ern_trainer_validate(t, hooks, &validation);
+  if (status == ERN_OK && validation > 0)
+    status = ern_lines_add(t->context, &t->run.curve_lines, "%" PRIu64 ",%.3f,%.4f\n", t->step, t->seconds, validation);
+  t->beside += seconds_now() - began;
+  return status;
+}
+
 /* The loss of a device loses only the steps since the last save: adds that to the error. */
 static ern_status stopped(const ern_trainer *t, ern_status status) {
   char cause[1800]; /* room is left for the rest of an error text of 2048 */
@@ -404,6 +419,8 @@ ern_status ern_trainer_run_sized(ern_trainer *t, const ern_train_hooks *hooks, s
   struct tally tally = {.began = seconds_now(), .said = seconds_now(), .saved = seconds_now(), .first = t->step};
   tally.validated = spent(t);
   struct ern_divergence divergence = {0};
+  status = make_up(t, &own);
+  if (status != ERN_OK) return stopped(t, status);
   if (t->step >= t->config.iters && t->output != NULL) status = ern_trainer_save(t);
   if (status != ERN_OK) return status;
   while (t->step < t->config.iters) {

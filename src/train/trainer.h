@@ -40,11 +40,12 @@ struct ern_lines {
 /* The run folder X.run: its lock, and the paths in it. All NULL without an output. */
 struct ern_run_folder {
   char *folder, *state, *next, *previous, *good, *log, *curve;
-  int lock;     /* descriptor, -1: none */
-  bool made;    /* the folder was not there before */
-  bool keep;    /* until the first save: a file at X is not replaced */
-  bool damaged; /* the state is corrupt: the next save replaces it, not the intact previous one */
-  bool fresh;   /* this training has written nothing yet: files in the folder are an earlier one's */
+  int lock;        /* descriptor, -1: none */
+  bool made;       /* the folder was not there before */
+  bool keep;       /* until the first save: a file at X is not replaced */
+  bool damaged;    /* the state is corrupt: the next save replaces it, not the intact previous one */
+  bool fresh;      /* this training has written nothing yet: files in the folder are an earlier one's */
+  bool unmeasured; /* resumed at a step that the curve lacks: its validation may have been stopped */
   struct ern_lines log_lines, curve_lines;
 };
 
@@ -319,7 +320,7 @@ ERN_NODISCARD ern_status ern_run_folder_flush(ern_context *context, struct ern_r
 /* Removes the files of an earlier training, except state.next. */
 void ern_run_folder_clear(struct ern_run_folder *run);
 /* Truncates log and curve to their length at `step`: a killed training may have written more, even half a line. */
-ERN_NODISCARD ern_status ern_run_folder_trim(ern_context *context, const struct ern_run_folder *run, uint64_t step);
+ERN_NODISCARD ern_status ern_run_folder_trim(ern_context *context, struct ern_run_folder *run, uint64_t step);
 
 /* trainer_validate.c */
 ERN_NODISCARD ern_status ern_trainer_validate(ern_trainer *t, const ern_train_hooks *hooks, double *psnr);

@@ -21,4 +21,10 @@ printf '%s' "$(cat table.csv)" > table.csv
 ERNERF=$PWD/bench "$source/tools/bench-history" -o table.csv > out.txt
 [ "$(wc -l < table.csv)" = 3 ] || fail "$(wc -l < table.csv) lines, expected the columns and two rows: $(cat table.csv)"
 cmp -s <(head -n 2 table.csv) whole.csv || fail "the row before was changed: $(cat table.csv)"
-echo "two rows, each a line"
+# 1 KiB a file: the bench's figures fit, a longer table does not
+for _ in $(seq 20); do tail -n 1 whole.csv; done >> table.csv
+cp table.csv before.csv
+! (ulimit -f 1; trap '' XFSZ; ERNERF=$PWD/bench "$source/tools/bench-history" -o table.csv) > out.txt 2>&1 || fail "a file beyond the limit was written"
+cmp -s table.csv before.csv || fail "a table that could not be written was changed"
+[ ! -e table.csv.new ] || fail "table.csv.new was left"
+echo "two rows, each a line; a table that cannot be written whole stays"

@@ -6,15 +6,16 @@
 #include "dub/recorded_clip.h"
 
 /* The clip's square is that of SIDE pixels at column LEFT of the video, which is WIDTH pixels wide. */
-enum { SIDE = 96, WIDTH = 132, LEFT = 17, FRAMES = 16, LONGER = 40, SOUND_RATE = 16000 };
+enum { SIDE = 96, WIDTH = 132, LEFT = 17, FRAMES = 16, LONGER = 40, BRIEF = 8, SOUND_RATE = 16000 };
 
 static struct cli cli;
 
-/* sound.pcm: a tone that comes and goes, LONGER frames long. */
+/* sound.pcm: a tone that comes and goes, LONGER frames long; brief.pcm: its first BRIEF frames. */
 static void write_sound(void) {
   static int16_t samples[LONGER * SOUND_RATE / 25];
   for (int i = 0; i < LONGER * SOUND_RATE / 25; i++) samples[i] = (int16_t)(8000 * sin(0.09 * i) * sin(0.001 * i));
   cli_replace("sound.pcm", samples, sizeof samples);
+  cli_replace("brief.pcm", samples, sizeof samples / LONGER * BRIEF);
 }
 
 static int make_all(void **state) {
@@ -181,6 +182,12 @@ static void test_refused(void **state) {
           "live h.safetensors --clip clip --video clip.mp4 --audio sound.pcm --audio-format s16le --as-fast -o no.mp4");
   cli_expect(&cli, 1, "clip.mp4: ends before the clip's frame ", NULL);
   assert_false(cli_there("no.mp4"));
+  cli_run(
+      &cli,
+      "live h.safetensors --clip clip --video clip.mp4 --audio brief.pcm --audio-format s16le "
+      "-o brief.mp4 --quiet"); /* at the pace of the sound: the thread meets the end before, and no frame needs it */
+  cli_expect(&cli, 0, NULL);
+  assert_null(strstr(cli.err, "ends before"));
 #undef LIVE
 }
 

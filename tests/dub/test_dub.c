@@ -258,7 +258,7 @@ static void test_left_as_recorded(void **state) {
   (void)state;
   paint((const uint8_t[3]){40, 20, 20}, 255);
   const float places[][3] = {{80, 80, 10},   {25, 80, FACE},   {80, 148, FACE},
-                             {80, 20, FACE}, {-500, 80, FACE}, {80, 80, 1e30F}};
+                             {80, 20, FACE}, {-500, 80, FACE}, {80, 80, 1e3F}};
   for (size_t i = 0; i < sizeof places / sizeof *places; i++) {
     ern_dub_input in = face_at(places[i][0], places[i][1], places[i][2]);
     find_box(&in);
@@ -307,6 +307,13 @@ static void test_refused(void **state) {
   assert_non_null(strstr(ern_last_error(context), "landmark 33"));
   assert_int_equal(ern_dub_frame(context, &in, out, &drawn), ERN_E_NONFINITE);
   assert_false(drawn);
+  in = face_at(80, 80, FACE);
+  for (int i = 0; i < 68; i++)
+    for (int c = 0; c < 2; c++) in.landmarks[i][c] *= SQUARE; /* pixels */
+  assert_int_equal(ern_dub_box(context, &in, in.box), ERN_E_ARGUMENT);
+  assert_non_null(strstr(ern_last_error(context), "expected shares of the square (0..1), not pixels"));
+  in = face_at(80, 80, 1e30F);
+  assert_int_equal(ern_dub_box(context, &in, in.box), ERN_E_ARGUMENT);
   in = face_at(80, 80, FACE);
   in.square[0] = INT32_MIN;
   assert_int_equal(ern_dub_box(context, &in, in.box), ERN_E_SHAPE);

@@ -2,6 +2,7 @@
  * Pictures: what is written comes back, and what is no picture is refused in words. */
 #include <dirent.h>
 #include <errno.h>
+#include <fcntl.h>
 #include <signal.h>
 #include <stdbool.h>
 #include <sys/resource.h>
@@ -245,6 +246,34 @@ static uint32_t crc32_of(const uint8_t *bytes, size_t count) {
     for (int bit = 0; bit < 8; bit++) crc = (crc >> 1) ^ (crc & 1 ? 0xedb88320u : 0);
   }
   return ~crc;
+}
+
+/* A byte other than it was: the checksum tells, and no library prints. */
+static void test_damaged_png(void **state) {
+  (void)state;
+  ern_image made = picture(90, 70, 3, true), read = {0};
+  uint8_t *bytes = NULL;
+  size_t count = 0;
+  struct stat printed;
+  assert_ok(ern_image_write(context, "whole.png", &made, 90));
+  assert_ok(ern_file_read(context, "whole.png", 1 << 20, &bytes, &count));
+  const int before = dup(2), file = open("printed.txt", O_RDWR | O_CREAT | O_TRUNC, 0666);
+  assert_int_equal(dup2(file, 2), 2);
+  for (size_t at = 16; at < count; at += 97) { /* in IHDR, and in pixels */
+    bytes[at] ^= 4;
+    support_write("damaged.png", bytes, count);
+    bytes[at] ^= 4;
+    const ern_status status = ern_image_read(context, "damaged.png", 3, &read);
+    if (status != ERN_E_FORMAT && status != ERN_E_SHAPE) fail_msg("byte %zu: %s", at, ern_status_name(status));
+    assert_null(read.data);
+  }
+  dup2(before, 2);
+  assert_true(fstat(file, &printed) == 0 && printed.st_size == 0);
+  close(before);
+  close(file);
+  assert_non_null(strstr(ern_last_error(context), "damaged.png: PNG is damaged: the chunk at byte "));
+  ern_release(context, bytes);
+  ern_image_free(context, &made);
 }
 
 /* Writes `to`: the file `from` with that EXIF orientation, in the segment APP1 of a JPEG or the chunk eXIf of a PNG. */
@@ -516,6 +545,7 @@ int main(void) {
       cmocka_unit_test(test_jpeg_quality_counts),
       cmocka_unit_test(test_same_picture_same_bytes),
       cmocka_unit_test(test_cut_short),
+      cmocka_unit_test(test_damaged_png),
       cmocka_unit_test(test_orientation),
       cmocka_unit_test(test_claimed_size_is_refused),
       cmocka_unit_test(test_no_picture),

@@ -3,10 +3,12 @@
 
 Runs in a folder that test_module.sh has filled: clip, head.safetensors with head.run and losses.txt (steps.c),
 frames.rgba and grey.ppm (render_minimal), speech.npy (`ernerf features`). Needs ERNERF_LIBRARY."""
+import copy
 import ctypes
 import gc
 import json
 import os
+import pickle
 import signal
 import subprocess
 import sys
@@ -416,10 +418,15 @@ sys.exit(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
                 (TypeError, ("clip: Model, expected a Clip",), lambda: ernerf.Trainer(self.backend, model)),
                 (TypeError, ("head: Clip, expected a Model",), lambda: ernerf.Trainer(self.backend, clip, clip)),
                 (ValueError, ("speech.npy: expected a .safetensors file",), lambda: self.context.tensors("speech.npy")),
+                (TypeError, ("log is 5, expected a function",), lambda: ernerf.Context(log=5)),
+                (TypeError, ("a Renderer cannot be copied",), lambda: copy.copy(renderer)),
+                (TypeError, ("a Model cannot be copied",), lambda: copy.deepcopy([model])),
+                (TypeError, ("a Context cannot be copied",), lambda: pickle.dumps(self.context)),
                 (IndexError, ("frame 10000 of",), lambda: clip.frame(ernerf.Split.VAL, 10000)),
                 (ernerf.Error, ("10000",), lambda: clip.pixels(ernerf.Split.VAL, 10000))):
             with self.subTest(words), self.says(kind, *words):
                 use()
+        frame()
 
     def test_log(self):
         lines = []

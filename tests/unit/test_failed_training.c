@@ -22,6 +22,18 @@ static ern_status validation_hook(void *user, uint64_t step, double psnr, size_t
   return *(ern_status *)user;
 }
 
+/* The steps that a curve names. */
+static void expect_curve(const char *path, const char *steps) {
+  char line[256], found[256] = "";
+  FILE *file = fopen(path, "r");
+  while (file != NULL && fgets(line, sizeof line, file) != NULL) {
+    unsigned step = 0;
+    if (sscanf(line, "%u,", &step) == 1) snprintf(found + strlen(found), sizeof found - strlen(found), "%u ", step);
+  }
+  if (file != NULL) fclose(file);
+  assert_string_equal(found, steps);
+}
+
 /* A validation that fails does not lose the model that is done, and has a word of its own. */
 static void test_failed_validation_saves(void **state) {
   (void)state;
@@ -49,6 +61,14 @@ static void test_failed_validation_saves(void **state) {
   support_expect(m.context, ern_trainer_run(trainer, &hooks), ERN_E_MEDIA, "step 2 is saved", NULL);
   assert_int_equal(access("early.run/state.safetensors", F_OK), 0);
   ern_trainer_free(&trainer);
+  expect_curve("early.run/curve.csv", "");
+  /* a resume makes up for it, and does so once */
+  config.resume = true;
+  for (int i = 0; i < 2; i++) {
+    support_ok(m.context, train(&m, &config, NULL));
+    expect_curve("early.run/curve.csv", "2 4 ");
+  }
+  config.resume = false;
   config.save_every = 2;
   /* values that are not sound are not saved */
   clear_run("unsound");

@@ -56,7 +56,7 @@ static rlim_t bytes_of_threads(void) {
 enum answer { ENDED = 0, REFUSED, LOADED };
 
 /* The child: only glibc's fork allows dlopen after it in a process with threads. */
-static void load(const char *file, rlim_t reserve, volatile char *answer) {
+static void load(const char *file, const char *const *first, rlim_t reserve, volatile char *answer) {
   const struct rlimit no_core = {0, 0};
   struct rlimit limit;
   const int silence = open("/dev/null", O_WRONLY);
@@ -67,17 +67,18 @@ static void load(const char *file, rlim_t reserve, volatile char *answer) {
   }
   (void)signal(SIGABRT, SIG_DFL);
   if (silence >= 0) (void)dup2(silence, STDERR_FILENO);
+  for (; first != NULL && *first != NULL; first++) (void)dlopen(*first, RTLD_LAZY | RTLD_LOCAL);
   *answer = dlopen(file, RTLD_LAZY | RTLD_LOCAL) != NULL ? LOADED : REFUSED;
   _exit(0); /* the forked child alone */
 }
 
-bool ern_load_trial(const char *file) {
+bool ern_load_trial(const char *file, const char *const *first) {
   if (!is_limited(RLIMIT_AS) && !is_limited(RLIMIT_DATA) && has_threads()) return true;
   const rlim_t reserve = bytes_of_threads();
   volatile char *answer = mmap(NULL, 1, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
   if (answer == MAP_FAILED) return false;
   const pid_t child = fork();
-  if (child == 0) load(file, reserve, answer);
+  if (child == 0) load(file, first, reserve, answer);
   while (child > 0 && waitpid(child, NULL, 0) < 0 && errno == EINTR) continue;
   const char found = *answer;
   (void)munmap((void *)answer, 1);

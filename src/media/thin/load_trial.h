@@ -7,7 +7,8 @@
 #include <stdbool.h>
 
 /* Where the process has a limit of address space or data (ulimit -v, -d), or cannot start some threads, a child process
- * loads the library first. false: that ended the child. */
-bool ern_load_trial(const char *file);
+ * loads the library first, after those of `first` (NULL at the end, or NULL: none), as its caller does. false: that
+ * ended the child. */
+bool ern_load_trial(const char *file, const char *const *first);
 
 #endif

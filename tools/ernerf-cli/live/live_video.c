@@ -29,6 +29,7 @@ int live_video_keep_poses(struct live_video *video, struct session *session, con
 
 static void *read_ahead(void *user) {
   struct live_video *video = user;
+  struct session *session = &video->reading;
   struct source_frame due;
   const struct frame_source now = {.source_frame = &due, .count = 1, .frame = video->poses->source_frame},
                             *clip = &video->clip_frames;
@@ -38,18 +39,18 @@ static void *read_ahead(void *user) {
     if (slot == QUEUE_CLOSED) return NULL;
     due = frame_source_cycle(video->poses, video->rate, k);
     struct live_recorded *picture = &video->pictures[slot];
-    int status = recorded_video_frame(&video->recorded, video->session, recorded_video_second(&now, 0), &frame);
+    int status = recorded_video_frame(&video->recorded, session, recorded_video_second(&now, 0), &frame);
     if (status == 0 && frame == NULL)
-      status = session_fail_with(video->session, "%s: ends before the clip's frame %lld", video->path,
-                                 (long long)due.pose.img_id);
+      status =
+          session_fail_with(session, "%s: ends before the clip's frame %lld", video->path, (long long)due.pose.img_id);
     if (status == 0)
       picture->place = frame_source_between(clip->source_frame, recorded_video_place(&video->recorded, clip->count), 0);
     if (status == 0)
-      status = recorded_video_rgb(&video->recorded, video->session, frame, video->in_place ? video->region : NULL,
-                                  &picture->rgb);
+      status =
+          recorded_video_rgb(&video->recorded, session, frame, video->in_place ? video->region : NULL, &picture->rgb);
     ern_video_frame_free(&picture->frame);
-    if (status == 0 && ern_video_frame_clone(video->session->context, frame, &picture->frame) != ERN_OK)
-      status = session_fail(video->session);
+    if (status == 0 && ern_video_frame_clone(session->context, frame, &picture->frame) != ERN_OK)
+      status = session_fail(session);
     if (status != 0) break;
     queue_push(&video->queue);
   }
@@ -89,6 +90,8 @@ int live_video_start(struct live_video *video, struct session *session, const st
     return EXIT_FAILURE;
   const size_t places = most_bytes / (3 * frame / 2 + 3 * (size_t)video->region[2] * (size_t)video->region[3]);
   queue_make(&video->queue, places < 4 ? 4 : places < LIVE_VIDEO_PICTURES ? places : LIVE_VIDEO_PICTURES);
+  video->reading = *session;
+  video->reading.held = video->failed;
   video->running = pthread_create(&video->reader, NULL, read_ahead, video) == 0;
   if (video->running) return 0;
   queue_free(&video->queue);
@@ -101,7 +104,7 @@ int live_video_show(struct live_video *video, uint64_t number) {
   for (; video->taken <= number; video->taken++) {
     if (video->taken > 0) queue_pop(&video->queue);
     const int slot = queue_wait_for_item(&video->queue);
-    if (slot == QUEUE_CLOSED) return EXIT_FAILURE; /* the thread has said why */
+    if (slot == QUEUE_CLOSED) return session_fail_with(video->session, "%s", video->failed);
     video->shown = &video->pictures[slot];
   }
   return 0;

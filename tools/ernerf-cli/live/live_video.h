@@ -30,6 +30,8 @@ struct live_video {
   struct bounded_queue queue;
   pthread_t reader;
   bool running;
+  struct session reading;            /* the thread's own, which holds its message: the frame may not be needed */
+  char failed[SESSION_HELD];         /* that message */
   uint64_t taken;                    /* pictures that left the queue */
   const struct live_recorded *shown; /* the last one of them; its place in the queue is not free yet */
 };

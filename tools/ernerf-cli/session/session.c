@@ -105,6 +105,10 @@ static void say(struct session *session, const char *before, const char *format,
 
 static void say_end(struct session *session, const char *format, va_list values) {
   char before[64];
+  if (session->held != NULL) {
+    vsnprintf(session->held, SESSION_HELD, format, values);
+    return;
+  }
   if (session->rank > 0)
     snprintf(before, sizeof before, "ernerf %s: rank %d: ", session->verb, session->rank);
   else
@@ -591,10 +595,4 @@ int session_folder(struct session *session, const char *path) {
   if (access(path, W_OK | X_OK) != 0)
     return session_fail_with(session, "%s: cannot be written into: %s", path, strerror(errno));
   return 0;
-}
-
-double session_seconds(void) {
-  struct timespec now;
-  clock_gettime(CLOCK_MONOTONIC, &now);
-  return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
 }

@@ -7,13 +7,14 @@
 #include <jansson.h>
 #include <stdatomic.h>
 #include <sys/stat.h>
+#include <time.h>
 
 #include "args.h"
 #include "bytes.h"
 #include "ernerf/backend.h"
 #include "ernerf/base.h"
 
-enum { SESSION_INPUTS = 16, SESSION_STAGED = 9, SESSION_SAID = 16 };
+enum { SESSION_INPUTS = 16, SESSION_STAGED = 9, SESSION_SAID = 16, SESSION_HELD = 4096 };
 enum session_choice { SESSION_AUTO, SESSION_CPU, SESSION_OPENCL };
 
 struct session {
@@ -45,6 +46,8 @@ struct session {
   atomic_uint said_count;
   _Atomic uint64_t said[SESSION_SAID]; /* hashes of the library's last remarks */
   bool line_open;                      /* the terminal shows the progress line without its newline */
+  char *held; /* [SESSION_HELD] of a copy whose work may turn out not to be needed: session_fail and the like put their
+                 text here, and print nothing; NULL: they print */
 };
 
 enum { SESSION_OUTPUT_OPTIONS = 3, SESSION_COMPUTE_OPTIONS = 5, SESSION_SEED_OPTIONS = 1 };
@@ -139,6 +142,10 @@ bool session_lies_in(const char *path, const char *folder);
 bool session_folder_there(const char *path);
 
 /* Seconds of a monotonic clock. */
-double session_seconds(void);
+static inline double session_seconds(void) {
+  struct timespec now;
+  clock_gettime(CLOCK_MONOTONIC, &now);
+  return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
+}
 
 #endif
