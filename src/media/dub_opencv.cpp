@@ -19,6 +19,7 @@ constexpr float mouth_growth = 1.45F;        /* so that no recorded lips or teet
 constexpr float inside_jaw = 0.04F;          /* the recorded jaw stays: its edge is that of the recorded neck */
 constexpr float round_nose = 0.05F;          /* what is so near to it stays as recorded */
 constexpr float feather = 0.03F;             /* standard deviation of the mask's edge */
+constexpr float edge_feather = 0.012F;       /* standard deviation of the mask's edge where a head's ends it */
 constexpr float margin = 0.08F;              /* of the box, round the lower face: the mask's edge ends within it */
 constexpr float match_deviation = 0.15F;     /* of the low-pass that colours are matched in */
 constexpr float match_most = 15;             /* grey levels */
@@ -156,26 +157,40 @@ cv::Mat nose_of(const face &f) {
   return depth_of(nose == 0) <= round_nose * f.width;
 }
 
+/* 255 in the recorded mouth, enlarged. */
+cv::Mat mouth_of(const face &f) {
+  const std::vector<cv::Point2f> &at = f.landmarks;
+  cv::Mat mouth = cv::Mat::zeros(f.size, CV_8U);
+  std::vector<cv::Point2f> lips;
+  cv::Point2f middle(0, 0);
+  for (int i = LIPS; i < LIPS_END; i++) middle += at[(size_t)i] * (1.0F / (LIPS_END - LIPS));
+  for (int i = LIPS; i < LIPS_END; i++) lips.push_back(middle + mouth_growth * (at[(size_t)i] - middle));
+  fill_hull(mouth, lips);
+  return mouth;
+}
+
+/* 0..255: a region that ends inside its border, within two deviations. */
+cv::Mat softened_inward(const cv::Mat &region, float deviation) {
+  cv::Mat soft;
+  low_pass(region, deviation).convertTo(soft, CV_8U, 2, -255);
+  return soft;
+}
+
 /* 0..255: the lower face inside the jaw, less the nose, and the recorded mouth, inside the recorded head, with a soft
  * edge. */
 cv::Mat mask_of(const face &f, const cv::Mat &head) {
   const std::vector<cv::Point2f> &at = f.landmarks;
-  cv::Mat lower = cv::Mat::zeros(f.size, CV_8U), mouth = lower.clone(), edge;
-  std::vector<cv::Point2f> outline(at.begin() + CHEEK_RIGHT, at.begin() + CHEEK_LEFT + 1), lips;
+  cv::Mat lower = cv::Mat::zeros(f.size, CV_8U), mouth = mouth_of(f);
+  std::vector<cv::Point2f> outline(at.begin() + CHEEK_RIGHT, at.begin() + CHEEK_LEFT + 1);
   outline.push_back(at[NOSE_BASE]);
   fill_hull(lower, outline);
   cv::rectangle(lower, cv::Rect(cv::Point(0, 0), lower.size()),
                 cv::Scalar(0)); /* the box may end at the square's edge */
   lower = eroded(depth_of(lower), inside_jaw * f.width) & ~nose_of(f);
-  cv::Point2f middle(0, 0);
-  for (int i = LIPS; i < LIPS_END; i++) middle += at[(size_t)i] * (1.0F / (LIPS_END - LIPS));
-  for (int i = LIPS; i < LIPS_END; i++) lips.push_back(middle + mouth_growth * (at[(size_t)i] - middle));
-  fill_hull(mouth, lips);
   const cv::Mat depth = depth_of(head);
   cv::bitwise_and(mouth, eroded(depth, 0.02F * f.width), mouth);
   const cv::Mat mask = low_pass(lower | mouth, feather * f.width);
-  low_pass(eroded(depth, 0.015F * f.width), 0.012F * f.width).convertTo(edge, CV_8U, 2, -255);
-  return cv::min(mask, edge);
+  return cv::min(mask, softened_inward(eroded(depth, 0.015F * f.width), edge_feather * f.width));
 }
 
 /* Colours of sums (RGB, weight) where there are none yet, and the weight is not too small. */
@@ -190,12 +205,11 @@ void put_missing(cv::Mat &colours, cv::Mat &there, const cv::Mat &sums) {
   }
 }
 
-/* The head's colours where it is certain to be, continued outwards by normalised blurs of growing width; `there`
- * becomes 255 where there is a colour. All in the head's pixels, of which the face is `width` wide. */
-cv::Mat continue_colours(const cv::Mat &head, const cv::Mat &opacity, float width, cv::Mat &there) {
+/* The head's colours where it is certain to be (`there`: 255), continued outwards by normalised blurs of growing width;
+ * `there` becomes 255 where there is a colour. All in the head's pixels, of which the face is `width` wide. */
+cv::Mat continue_colours(const cv::Mat &head, float width, cv::Mat &there) {
   cv::Mat known(head.size(), CV_32FC4, cv::Scalar::all(0)),
       out(head.size(), CV_8UC3, cv::Scalar::all(0)); /* RGB, weight */
-  there = eroded(depth_of(opacity > 255 * sure_opacity), certain_depth * width);
   for (int y = 0; y < head.rows; y++) {
     for (int x = 0; x < head.cols; x++) {
       const cv::Vec4b &colour = head.at<cv::Vec4b>(y, x);
@@ -207,6 +221,17 @@ cv::Mat continue_colours(const cv::Mat &head, const cv::Mat &opacity, float widt
   for (float deviation = 0.01F; deviation < 0.2F; deviation *= 2)
     put_missing(out, there, low_pass(known, deviation * width));
   return out;
+}
+
+/* Beyond the head's outline the recorded skin is nearer than continued colours, which are flat, but in the recorded
+ * mouth. Holes within it stay filled: the recorded mouth may reach them. */
+void end_at_head(cv::Mat &mask, const cv::Mat &certain, const face &f) {
+  cv::Mat within = cv::Mat::zeros(certain.size(), CV_8U);
+  std::vector<std::vector<cv::Point>> outlines;
+  cv::findContours(certain >= 128, outlines, cv::RETR_EXTERNAL, cv::CHAIN_APPROX_NONE);
+  cv::drawContours(within, outlines, -1, cv::Scalar(255), cv::FILLED);
+  const cv::Mat mouth = low_pass(mouth_of(f), feather * f.width);
+  cv::min(mask, cv::max(softened_inward(within, edge_feather * f.width), mouth), mask);
 }
 
 /* What a dubbed frame is made of, in the pixels of the box. */
@@ -278,10 +303,13 @@ bool compose(const ern_dub_input &in, uint8_t *rgba) {
     return (float)cv::countNonZero(inner & (picture >= 128)) >= least_cover * (float)wanted;
   };
   if (wanted == 0 || !covers(in_box(opacity, in, f, cv::INTER_LINEAR))) return false;
-  const cv::Mat continued = continue_colours(head, opacity, f.width * in.head_scale[0], there);
+  const float head_width = f.width * in.head_scale[0]; /* of the face */
+  there = eroded(depth_of(opacity > 255 * sure_opacity), certain_depth * head_width);
+  const cv::Mat certain = in_box(there, in, f, cv::INTER_LINEAR), continued = continue_colours(head, head_width, there);
   l.there = in_box(there, in, f, cv::INTER_LINEAR);
   if (!covers(l.there)) return false;
   l.colour = in_box(continued, in, f, cv::INTER_CUBIC);
+  end_at_head(l.mask, certain, f);
   blend(l, f.width);
   return true;
 }

@@ -82,6 +82,23 @@ static void test_drawn(void **state) {
   assert_true(out[4 * lips + 1] >= 20 && out[4 * lips + 1] <= 20 + 16);
 }
 
+/* Below the rendered head's outline the chin stays as recorded; a hole in the head is filled. */
+static void test_outline(void **state) {
+  (void)state;
+  bool drawn = false;
+  ern_dub_input in = face_at(80, 80, FACE);
+  paint((const uint8_t[3]){40, 20, 20}, 255);
+  find_box(&in);
+  const int hole_x = 80 + FACE / 5, hole_y = (int)(80 + 0.4 * FACE);
+  for (int y = 0; y < in.head_height; y++)
+    for (int x = 0; x < in.head_width; x++)
+      if (y + in.box[1] >= 80 + 0.5 * FACE || (x + in.box[0] == hole_x && y + in.box[1] == hole_y))
+        head[4 * (y * in.head_width + x) + 3] = 0;
+  support_ok(context, ern_dub_frame(context, &in, out, &drawn));
+  assert_true(drawn && difference((size_t)(80 + 0.56 * FACE) * WIDTH + 80) <= 1);
+  assert_true(difference((size_t)hole_y * WIDTH + (size_t)hole_x) > 40);
+}
+
 /* The nose stays as recorded, the skin below it does not. */
 static void test_nose(void **state) {
   (void)state;
@@ -349,16 +366,12 @@ static int close_context(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_drawn),
-                                     cmocka_unit_test(test_nose),
-                                     cmocka_unit_test(test_matched),
-                                     cmocka_unit_test(test_scaled),
-                                     cmocka_unit_test(test_part),
-                                     cmocka_unit_test(test_wanted),
-                                     cmocka_unit_test(test_wanted_of_a_small_head),
-                                     cmocka_unit_test(test_recorded_head),
-                                     cmocka_unit_test(test_left_as_recorded),
-                                     cmocka_unit_test(test_any_landmarks),
-                                     cmocka_unit_test(test_refused)};
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test(test_drawn),         cmocka_unit_test(test_outline),
+      cmocka_unit_test(test_nose),          cmocka_unit_test(test_matched),
+      cmocka_unit_test(test_scaled),        cmocka_unit_test(test_part),
+      cmocka_unit_test(test_wanted),        cmocka_unit_test(test_wanted_of_a_small_head),
+      cmocka_unit_test(test_recorded_head), cmocka_unit_test(test_left_as_recorded),
+      cmocka_unit_test(test_any_landmarks), cmocka_unit_test(test_refused)};
   return cmocka_run_group_tests(tests, open_context, close_context);
 }
