@@ -130,7 +130,7 @@ static void test_crf_long(void **state) {
   cli_run(&cli, "render m.safetensors --clip clip --frames 0:10 -o high.mp4 --crf 5 --quiet");
   cli_expect(&cli, 0, NULL);
   assert_true(bytes_of("low.mp4") < bytes_of("high.mp4"));
-  cli_run(&cli, "render m.safetensors --clip clip --frames 0:10 -o slow.mp4 --crf 5 --preset veryslow --quiet");
+  cli_run(&cli, "render m.safetensors --clip clip --frames 0:10 -o slow.mp4 --crf 5 --set preset=veryslow --quiet");
   cli_expect(&cli, 0, NULL);
   assert_int_not_equal(bytes_of("slow.mp4"), bytes_of("high.mp4"));
 }

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  * What `ernerf render` keeps from frame to frame while the camera stands: the pictures are those of a whole computation
- * but for what --set reuse-rays=allows, less is drawn, and what contradicts itself is refused. */
+ * but for what reuse-rays allows, less is drawn, and what contradicts itself is refused. */
 #include "cli.h"
 
 #include "../made_speech.h"
@@ -87,7 +87,7 @@ static void test_bound_long(void **state) {
     uint8_t *whole = raw(words);
     json_t *object = cli_json(&cli, "still.json");
     assert_true(json_is_null(json_object_get(object, "ray_reuse")));
-    if (strstr(ways[i], "no-silence-pose") == NULL)
+    if (strstr(ways[i], "silence-pose=no") == NULL)
       assert_true(json_integer_value(json_object_get(object, "silent_frames")) > 8);
     json_decref(object);
     uint8_t *kept = raw(ways[i]);
