@@ -57,9 +57,9 @@ typedef struct ern_setting {
 
 enum { ERN_SETTING_TEXT_BYTES = 48 }; /* enough for the text of any number or word */
 
-/* Sets the member of *config from text: a decimal number, a word, or yes, no, on, off, true, false, 1 or 0 of a bool.
- * Returns false, and changes nothing, where the text is not one or lies outside of the range, or the type is TEXT or
- * POINTER. NULL anywhere is false. */
+/* Sets the member of *config from text: a decimal number, a word, or yes or no of a bool. Returns false, and changes
+ * nothing, where the text is none of these or lies outside of the range, or the type is TEXT or POINTER. NULL anywhere
+ * is false. */
 ERN_API bool ern_setting_read(const ern_setting *setting, const char *text, void *config);
 
 /* Writes the value of the member in the form that ern_setting_read takes: two texts are the same exactly where the

@@ -18,7 +18,7 @@ static size_t bytes_of(const ern_setting *s) {
   return bytes[s->type];
 }
 
-/* A value of any type. `number`: the same as a double. */
+/* A value of any type. */
 union value {
   bool flag;
   int whole;
@@ -48,10 +48,6 @@ static double number_of(const ern_setting *s, union value value) {
 }
 
 static bool is_value(const ern_setting *s) { return s->type != ERN_SETTING_TEXT && s->type != ERN_SETTING_POINTER; }
-
-void ern_setting_copy(const ern_setting *s, void *config, const void *from) {
-  memcpy((char *)config + s->at, (const char *)from + s->at, bytes_of(s));
-}
 
 void ern_setting_reset(const ern_setting *s, void *config) {
   union value value = {0};
@@ -83,7 +79,7 @@ ern_status ern_setting_check(ern_context *context, const char *what, const ern_s
 
 /* ---- text -------------------------------------------------------------------------------------------------------- */
 
-/* The index of the word that is the `length` letters at `text`, -1: none. */
+/* The index of the word `text`; -1: it is none of them. */
 static int index_of(const char *words, const char *text) {
   int index = 0;
   for (const char *at = words; *at != 0; index++) {
@@ -113,12 +109,10 @@ bool ern_setting_read(const ern_setting *s, const char *text, void *config) {
   double real = 0;
   if (s == NULL || text == NULL || config == NULL || !is_value(s)) return false;
   switch (s->type) {
-    case ERN_SETTING_BOOL: {
-      const int index = index_of("no|yes|off|on|false|true|0|1", text);
-      if (index < 0) return false;
-      value.flag = index % 2 == 1;
+    case ERN_SETTING_BOOL:
+      value.flag = strcmp(text, "yes") == 0;
+      if (!value.flag && strcmp(text, "no") != 0) return false;
       break;
-    }
     case ERN_SETTING_WORD:
       value.whole = index_of(s->words, text);
       if (value.whole < 0) return false;

@@ -13,9 +13,8 @@
   .at = offsetof(config, member) + 0 * sizeof(char[_Generic(&((config *)0)->member, type_ * : 1, default \
                                                             : -1)])
 
-/* Sets the member to the setting's default, to that of another configuration. */
+/* Sets the member to the setting's default. */
 void ern_setting_reset(const ern_setting *setting, void *config);
-void ern_setting_copy(const ern_setting *setting, void *config, const void *from);
 
 /* ERN_E_ARGUMENT where the member is outside of its range. `what`: the first word of the message. */
 ERN_NODISCARD ern_status ern_setting_check(ern_context *context, const char *what, const ern_setting *setting,

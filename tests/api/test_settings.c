@@ -79,8 +79,8 @@ static void test_values(void **state) {
   assert_string_equal(text, "18446744073709551615");
   assert_true(ern_setting_read(named("codes"), "-1", &config) && config.codes == -1);
   assert_true(ern_setting_read(named("ray_sampling"), "dub", &config) && config.ray_sampling == ERN_RAY_SAMPLING_DUB);
-  assert_true(ern_setting_read(named("ema"), "on", &config) && config.ema);
-  assert_true(ern_setting_read(named("ema"), "false", &config) && !config.ema);
+  assert_true(ern_setting_read(named("ema"), "yes", &config) && config.ema);
+  assert_true(ern_setting_read(named("ema"), "no", &config) && !config.ema);
   assert_true(ern_setting_read(named("dt_gamma"), "3.90625e-3", &config) && config.dt_gamma == 1.0f / 256);
   static const char *const wrong[][2] = {{"seed", "18446744073709551616"},
                                          {"seed", "-1"},
@@ -100,6 +100,7 @@ static void test_values(void **state) {
                                          {"lr", " 0.1"},
                                          {"ema", "maybe"},
                                          {"ema", ""},
+                                         {"ema", "1"},
                                          {"audio_pad", ""},
                                          {"audio_pad", "edge|zero"},
                                          {"audio_pad", "edg"},

@@ -67,6 +67,8 @@ static const char *const refused[][3] = {
     {"train clip -o x.pth", "x.pth", ".safetensors"},
     {"train clip -o x.safetensors --iter 5", "unknown option --iter", "nearest is --iters"},
     {"train clip -o x.safetensors --torso", "--torso needs", "--head"},
+    {"train clip -o x.safetensors --refine-poses", "--refine-poses is --set refine_poses=VALUE", ""},
+    {"render m.safetensors --clip c --set front=a.json --set front=b.json", "--set front is given twice", "b.json"},
     {"train clip -o x.safetensors --head h.safetensors", "--head", "needs --torso"},
     {"train clip -o x.safetensors --torso --head h.safetensors --levels 12", "--levels", "--torso"},
     {"train clip -o x.safetensors --resume --from y.safetensors", "--from", "--resume"},

@@ -174,6 +174,10 @@ static int refuse_unknown(const struct args *args, const char *word, size_t leng
   if (answer != NULL) return args_refuse(args, "%.*s %s", bytes, word, answer);
   const struct option *seldom = find_option(args, name, strlen(name));
   if (seldom != NULL && seldom->seldom) return args_refuse(args, "%.*s is --set %s=VALUE", bytes, word, seldom->name);
+  size_t index;
+  const ern_setting *setting = args->settings != NULL ? setting_find(args->settings, name, &index) : NULL;
+  if (setting != NULL && setting_is_offered(args->settings, setting))
+    return args_refuse(args, "%.*s is --set %s=VALUE", bytes, word, setting->name);
   nearest_option(args, name, nearest);
   return args_refuse(args, "unknown option %.*s%s%s", bytes, word, nearest[0] != 0 ? ", the nearest is " : "", nearest);
 }
@@ -382,71 +386,14 @@ static int take_value(const struct args *args, struct option *option, const char
   }
 }
 
-/* ---- --set ------------------------------------------------------------------------------------------------------- */
-
-static int refuse_set(const struct args *args, const char *name) {
-  enum { NAMES = 128 };
-  const char *names[NAMES];
-  const ern_setting *setting;
-  size_t count = 0;
-  for (int g = 0; g < ARGS_GROUPS; g++)
-    for (size_t i = 0; i < args->groups[g].count; i++)
-      if (args->groups[g].options[i].seldom && count < NAMES) names[count++] = args->groups[g].options[i].name;
-  for (size_t i = 0; args->settings != NULL && (setting = args->settings->row(i)) != NULL && count < NAMES; i++)
-    if (setting_is_offered(args->settings, setting)) names[count++] = setting->name;
-  const char *nearest = args_nearest(name, names, count);
-  return args_refuse(args, "--set %s: there is no such setting%s%s; --set help lists them", name,
-                     nearest != NULL ? ", the nearest is " : "", nearest != NULL ? nearest : "");
-}
-
-static int take_switch(const struct args *args, struct option *option, const char *text) {
-  const bool yes = strcmp(text, "yes") == 0;
-  if (!yes && strcmp(text, "no") != 0) return refuse_value(args, option, text, "yes or no");
-  *(bool *)option->target = yes == (option->kind == OPTION_FLAG);
-  return -1;
-}
-
-/* NAME=VALUE, or `help`. */
-static int take_set(const struct args *args, const char *text) {
-  struct setting_choice *choice = args->settings;
-  const size_t length = strcspn(text, "=");
-  char name[NAME_BYTES], shown[NAME_BYTES + 8];
-  size_t index = 0;
-  if (strcmp(text, "help") == 0) {
-    help_settings(args);
-    return EXIT_SUCCESS;
-  }
-  if (text[length] == 0 || length == 0 || length >= NAME_BYTES)
-    return args_refuse(args, "--set is \"%s\", expected NAME=VALUE; --set help lists the names", text);
-  snprintf(name, sizeof name, "%.*s", (int)length, text);
-  struct option *option = find_option(args, name, length);
-  if (option != NULL && option->seldom && !option->unlisted) {
-    option->given = true;
-    const bool is_switch = option->kind == OPTION_FLAG || option->kind == OPTION_OFF;
-    text += length + 1;
-    return is_switch ? take_switch(args, option, text) : take_value(args, option, text);
-  }
-  const ern_setting *setting = choice != NULL ? setting_find(choice, name, &index) : NULL;
-  if (setting == NULL || !setting_is_offered(choice, setting)) return refuse_set(args, name);
-  snprintf(shown, sizeof shown, "--set %s", setting->name);
-  return take_setting_value(args, choice, index, shown, text + length + 1);
-}
-
-/* The VALUE of --set VALUE or --set=VALUE; *used: number of arguments taken. NULL: the argument is another. */
-static const char *value_of_set(const struct args *args, int argc, char **argv, int *used) {
-  if (!option_takes_set(args)) return NULL;
-  if (strncmp(argv[0], "--set=", 6) == 0) return argv[0] + 6;
-  if (strcmp(argv[0], "--set") != 0) return NULL;
-  *used = argc > 1 ? 2 : 1;
-  return argc > 1 ? argv[1] : "";
-}
-
-/* ---- the line ---------------------------------------------------------------------------------------------------- */
+/* ---- an option ----------------------------------------------------------------------------------------------------
+ */
 
 /* Takes the option in argv[0] and its values; *used: number of arguments taken. `value`: the text after '='. */
 static int take_option(const struct args *args, struct option *option, const char *value, int argc, char **argv,
                        int *used) {
   const bool again = option->given;
+  char name[NAME_BYTES + 8];
   *used = 1;
   option->given = true;
   if (option->kind == OPTION_FLAG || option->kind == OPTION_OFF) {
@@ -471,7 +418,7 @@ static int take_option(const struct args *args, struct option *option, const cha
     *used = 2;
   }
   if (again && option->kind == OPTION_TEXT && strcmp(value, *(const char **)option->target) != 0)
-    return args_refuse(args, "%s%s is given twice, as \"%s\" and as \"%s\"", option_dashes(option->name), option->name,
+    return args_refuse(args, "%s is given twice, as \"%s\" and as \"%s\"", written(option, name),
                        *(const char **)option->target, value);
   if (option->kind == OPTION_RANGE_PAIR && strchr(value, ':') == NULL && argc > *used) {
     char pair[TEXT_BYTES];
@@ -482,6 +429,68 @@ static int take_option(const struct args *args, struct option *option, const cha
   }
   return take_value(args, option, value);
 }
+
+/* ---- --set ------------------------------------------------------------------------------------------------------- */
+
+static int refuse_set(const struct args *args, const char *name) {
+  enum { NAMES = 128 };
+  const char *names[NAMES];
+  const ern_setting *setting;
+  size_t count = 0;
+  for (int g = 0; g < ARGS_GROUPS; g++)
+    for (size_t i = 0; i < args->groups[g].count; i++)
+      if (args->groups[g].options[i].seldom && count < NAMES) names[count++] = args->groups[g].options[i].name;
+  for (size_t i = 0; args->settings != NULL && (setting = args->settings->row(i)) != NULL && count < NAMES; i++)
+    if (setting_is_offered(args->settings, setting)) names[count++] = setting->name;
+  const char *nearest = args_nearest(name, names, count);
+  return args_refuse(args, "--set %s: there is no such setting%s%s; --set help lists them", name,
+                     nearest != NULL ? ", the nearest is " : "", nearest != NULL ? nearest : "");
+}
+
+static int take_switch(const struct args *args, struct option *option, const char *text) {
+  const bool yes = strcmp(text, "yes") == 0;
+  if (!yes && strcmp(text, "no") != 0) return refuse_value(args, option, text, "yes or no");
+  option->given = true;
+  *(bool *)option->target = yes == (option->kind == OPTION_FLAG);
+  return -1;
+}
+
+/* NAME=VALUE, or `help`. */
+static int take_set(const struct args *args, const char *text) {
+  struct setting_choice *choice = args->settings;
+  const size_t length = strcspn(text, "=");
+  char name[NAME_BYTES], shown[NAME_BYTES + 8];
+  size_t index = 0;
+  if (strcmp(text, "help") == 0) {
+    help_settings(args);
+    return EXIT_SUCCESS;
+  }
+  if (text[length] == 0 || length == 0 || length >= NAME_BYTES)
+    return args_refuse(args, "--set is \"%s\", expected NAME=VALUE; --set help lists the names", text);
+  snprintf(name, sizeof name, "%.*s", (int)length, text);
+  struct option *option = find_option(args, name, length);
+  if (option != NULL && option->seldom && !option->unlisted) {
+    const bool is_switch = option->kind == OPTION_FLAG || option->kind == OPTION_OFF;
+    int used;
+    text += length + 1;
+    return is_switch ? take_switch(args, option, text) : take_option(args, option, text, 1, NULL, &used);
+  }
+  const ern_setting *setting = choice != NULL ? setting_find(choice, name, &index) : NULL;
+  if (setting == NULL || !setting_is_offered(choice, setting)) return refuse_set(args, name);
+  snprintf(shown, sizeof shown, "--set %s", setting->name);
+  return take_setting_value(args, choice, index, shown, text + length + 1);
+}
+
+/* The VALUE of --set VALUE or --set=VALUE; *used: number of arguments taken. NULL: the argument is another. */
+static const char *value_of_set(const struct args *args, int argc, char **argv, int *used) {
+  if (!option_takes_set(args)) return NULL;
+  if (strncmp(argv[0], "--set=", 6) == 0) return argv[0] + 6;
+  if (strcmp(argv[0], "--set") != 0) return NULL;
+  *used = argc > 1 ? 2 : 1;
+  return argc > 1 ? argv[1] : "";
+}
+
+/* ---- the line ---------------------------------------------------------------------------------------------------- */
 
 /* The option of the argument "--NAME", "--NAME=VALUE", "-N", "-N=VALUE" or "-NVALUE"; *length: letters of its name;
  * *value stays NULL if the argument has none. Returns NULL for an unknown name. */

@@ -37,7 +37,7 @@ static bool is_decided(const struct args *args, const struct setting_choice *cho
   static const struct {
     const char *setting, *option;
   } deciding[] = {{"seed", "seed"},    {"data_begin", "data_range"}, {"data_end", "data_range"}, {"seconds", "iters"},
-                  {"seconds", "time"}, {"ray_sampling", "for"},      {"fine_share", "stage"},    {"lr_att", "lr_net"}};
+                  {"seconds", "time"}, {"ray_sampling", "for"},      {"fine_share", "stage"}};
   if (setting_given(chosen, s->name) || strcmp(s->name, "precision") == 0) return true; /* the library's to resume */
   if (strcmp(s->name, "frames_per_step") == 0 && state->torso != config->torso) return true;
   if (strcmp(s->name, "fine_share") == 0 && setting_given(chosen, "fine_steps")) return true;
