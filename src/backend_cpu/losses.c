@@ -107,7 +107,7 @@ ern_status ERN_REF(ern_cpu_key_points_loss)(struct ern_stream *stream, struct er
 struct pose_job {
   const struct ern_cpu_kernels *kernels;
   const struct ern_pose_bwd_args *args;
-  double part[ERN_SHARDS][ERN_POSE_SLOPES];
+  double part[ERN_SHARDS][ERN_POSE_PARAMETERS];
 };
 static void pose_task(void *user, size_t k, int worker) {
   (void)worker;
@@ -121,7 +121,7 @@ static void pose_task(void *user, size_t k, int worker) {
 ern_status ERN_REF(ern_cpu_pose_bwd)(struct ern_stream *stream, struct ern_pose_bwd_args *a) {
   struct pose_job job = {.kernels = kernels_of(stream), .args = a};
   ern_pool_run(pool_of(stream), ERN_SHARDS, pose_task, &job);
-  for (size_t i = 0; i < ERN_POSE_SLOPES; i++) {
+  for (size_t i = 0; i < ERN_POSE_PARAMETERS; i++) {
     a->dpose[i] = 0;
     for (size_t k = 0; k < ERN_SHARDS; k++) a->dpose[i] += job.part[k][i];
   }

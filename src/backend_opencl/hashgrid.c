@@ -12,7 +12,7 @@ enum { OWNERS = 512, OPTION_BYTES = 160 };
 
 /* As kernels/hashgrid.cl has them. */
 struct level {
-  cl_float scale, slope;
+  cl_float scale, dindex_dx;
   cl_uint mask, size, offset, multiplier[2], hashed;
 };
 struct grid {
@@ -29,7 +29,7 @@ static struct level plan_level(const struct ern_grid *grid, int l, bool *divide)
   static const uint32_t prime[ERN_GRID_MAX_DIMS] = {1, 2654435761u, 805459861u};
   const struct ern_grid_level *from = &grid->level[l];
   struct level level = {
-      .scale = from->scale, .slope = from->scale / (2 * grid->bound), .mask = UINT32_MAX, .size = from->size};
+      .scale = from->scale, .dindex_dx = from->scale / (2 * grid->bound), .mask = UINT32_MAX, .size = from->size};
   uint64_t stride = 1;
   level.offset = from->offset;
   for (int d = 0; d < grid->dims && stride <= from->size; d++) {

@@ -191,14 +191,14 @@ ern_status ern_cl_key_points_loss(struct ern_stream *stream, struct ern_key_poin
 
 static void pose_bwd_deliver(void *args, const float *values, size_t count) {
   struct ern_pose_bwd_args *a = args;
-  for (size_t i = 0; i < count; i++) a->dpose[i % ERN_POSE_SLOPES] += (double)values[i];
+  for (size_t i = 0; i < count; i++) a->dpose[i % ERN_POSE_PARAMETERS] += (double)values[i];
 }
 
 ern_status ern_cl_pose_bwd(struct ern_stream *stream, struct ern_pose_bwd_args *a) {
   ern_span sums;
-  for (size_t k = 0; k < ERN_POSE_SLOPES; k++) a->dpose[k] = 0;
+  for (size_t k = 0; k < ERN_POSE_PARAMETERS; k++) a->dpose[k] = 0;
   if (a->n == 0) return ERN_OK;
-  const ern_status status = ern_cl_figures(stream, ERN_CL_SUMS * ERN_POSE_SLOPES, pose_bwd_deliver, a, &sums);
+  const ern_status status = ern_cl_figures(stream, ERN_CL_SUMS * ERN_POSE_PARAMETERS, pose_bwd_deliver, a, &sums);
   if (status != ERN_OK) return status;
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_losses, "pose_bwd", "");
   ern_cl_span(&call, sums);
@@ -208,5 +208,5 @@ ern_status ern_cl_pose_bwd(struct ern_stream *stream, struct ern_pose_bwd_args *
   ern_cl_rows(&call, a->d);
   ern_cl_span(&call, a->weight);
   ern_cl_size(&call, a->n);
-  return filled(&call, ERN_CL_SUMS * ERN_POSE_SLOPES, ern_cl_run_sums(&call));
+  return filled(&call, ERN_CL_SUMS * ERN_POSE_PARAMETERS, ern_cl_run_sums(&call));
 }

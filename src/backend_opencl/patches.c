@@ -3,7 +3,7 @@
 #include "backend_opencl/opencl.h"
 #include "train/patches_ops.h"
 
-enum { SCALES = ERN_PATCH_SCALES, PRODUCTS = 5, SLOPES = 4 };
+enum { SCALES = ERN_PATCH_SCALES, PRODUCTS = 5, GRADIENTS = 4 };
 
 struct patch_pass {
   struct ern_stream *stream;
@@ -11,7 +11,7 @@ struct patch_pass {
   size_t planes;
   size_t side[SCALES], total[SCALES]; /* total: values of all planes of a scale */
   ern_span x[SCALES], y[SCALES], d[SCALES], filter[SCALES];
-  ern_span base, between, slope;
+  ern_span base, between, gradient;
 };
 
 static ern_status take(struct patch_pass *p) {
@@ -29,7 +29,7 @@ static ern_status take(struct patch_pass *p) {
     if (k > 0) ERN_TRY(ern_scratch_take(p->stream, ERN_ELEMENT_REAL, total, &p->d[k]));
   }
   ERN_TRY(ern_scratch_take(p->stream, ERN_ELEMENT_REAL, PRODUCTS * p->total[0], &p->between));
-  ERN_TRY(ern_scratch_take(p->stream, ERN_ELEMENT_REAL, SLOPES * p->total[0], &p->slope));
+  ERN_TRY(ern_scratch_take(p->stream, ERN_ELEMENT_REAL, GRADIENTS * p->total[0], &p->gradient));
 fail:
   return status;
 }
@@ -87,7 +87,7 @@ static void deliver(void *args, const float *values, size_t count) {
 }
 
 /* Gradients at one scale, and its sums of 1 - SSIM. */
-static ern_status make_slopes(const struct patch_pass *p, size_t k) {
+static ern_status make_gradients(const struct patch_pass *p, size_t k) {
   const size_t lines = p->planes * p->side[k];
   ern_span figures;
   ern_status status = ERN_OK;
@@ -97,16 +97,16 @@ static ern_status make_slopes(const struct patch_pass *p, size_t k) {
   ern_cl_span(&columns, p->y[k]);
   ern_cl_span(&columns, p->filter[k]);
   ERN_TRY(run(p, &columns, k));
-  struct ern_cl_call slopes = begin(p, "patch_slopes");
-  ern_cl_span(&slopes, p->slope);
-  ern_cl_span(&slopes, p->between);
-  ern_cl_span(&slopes, p->base);
-  ern_cl_span(&slopes, p->filter[k]);
-  ERN_TRY(run(p, &slopes, k));
+  struct ern_cl_call gradients = begin(p, "patch_gradients");
+  ern_cl_span(&gradients, p->gradient);
+  ern_cl_span(&gradients, p->between);
+  ern_cl_span(&gradients, p->base);
+  ern_cl_span(&gradients, p->filter[k]);
+  ERN_TRY(run(p, &gradients, k));
   ERN_TRY(ern_cl_figures(p->stream, lines, deliver, p->args, &figures));
   struct ern_cl_call sums = begin(p, "patch_sums");
   ern_cl_span(&sums, figures);
-  ern_cl_span(&sums, p->slope);
+  ern_cl_span(&sums, p->gradient);
   ern_cl_float(&sums, (float)part_of(p->args, k));
   ern_cl_size(&sums, p->side[k]);
   ern_cl_size(&sums, p->total[k]);
@@ -124,7 +124,7 @@ static ern_status backward(const struct patch_pass *p, size_t k) {
   ern_status status = ERN_OK;
   struct ern_cl_call columns = begin(p, "patch_columns_bwd");
   ern_cl_span(&columns, p->between);
-  ern_cl_span(&columns, p->slope);
+  ern_cl_span(&columns, p->gradient);
   ern_cl_span(&columns, p->filter[k]);
   ERN_TRY(run(p, &columns, k));
   struct ern_cl_call back = begin(p, k > 0 ? "patch_bwd" : "patch_rays_bwd");
@@ -152,7 +152,7 @@ ern_status ern_cl_patch_loss(struct ern_stream *stream, struct ern_patch_loss_ar
   ERN_TRY(take(&pass));
   ERN_TRY(make_scales(&pass));
   for (size_t k = SCALES; k-- > 0;) {
-    ERN_TRY(make_slopes(&pass, k));
+    ERN_TRY(make_gradients(&pass, k));
     ERN_TRY(backward(&pass, k));
   }
 fail:

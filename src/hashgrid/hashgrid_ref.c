@@ -93,8 +93,8 @@ static void add_to_table(ern_real *dtable, const struct place *place, const ern_
 
 /* df_l/dx_d = scale_l/(2 bound) * sum over corners b of (b_d ? 1 : -1) * prod_{e != d} (b_e ? t_e : 1 - t_e) *
  * table[...] */
-static ern_real slope(int d, const struct place *place, const ern_real *df, size_t stride, const ern_real *table,
-                      const struct ern_grid *grid, const struct ern_grid_level *level) {
+static ern_real gradient(int d, const struct place *place, const ern_real *df, size_t stride, const ern_real *table,
+                         const struct ern_grid *grid, const struct ern_grid_level *level) {
   const size_t features = (size_t)grid->features;
   ern_real sum = 0;
   for (int b = 0; b < 1 << grid->dims; b++) {
@@ -118,7 +118,7 @@ void ERN_REF(ern_grid_bwd)(ern_real *dtable, ern_real *const dx[ERN_GRID_MAX_DIM
       if (!locate(&place, x, i, grid, level)) continue;
       if (dtable != NULL) add_to_table(dtable, &place, rows + i, stride, grid, level);
       if (dx[0] == NULL) continue;
-      for (int d = 0; d < grid->dims; d++) dx[d][i] += slope(d, &place, rows + i, stride, table, grid, level);
+      for (int d = 0; d < grid->dims; d++) dx[d][i] += gradient(d, &place, rows + i, stride, table, grid, level);
     }
   }
 }

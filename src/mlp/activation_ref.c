@@ -8,7 +8,7 @@
 static ern_real sigmoid(ern_real x) { return 1 / (1 + exp(-x)); }
 
 /* s(x) (1 - s(x)) = e/(1 + e)^2 with e = exp(-|x|): without cancellation where s is near 1 */
-static ern_real sigmoid_slope(ern_real x) {
+static ern_real sigmoid_derivative(ern_real x) {
   const ern_real e = exp(-fabs(x));
   return e / ((1 + e) * (1 + e));
 }
@@ -34,8 +34,8 @@ void ERN_REF(ern_activate_bwd)(ern_real *dx, const ern_real *dy, const ern_real 
   for (size_t i = 0; i < n; i++) {
     switch (kind) {
       case ERN_ACT_DENSITY: dx[i] = dy[i] * exp(clamp(x[i], -15, 15)); break;
-      case ERN_ACT_COLOUR: dx[i] = dy[i] * ((ern_real)1.002 * sigmoid_slope(x[i])); break;
-      case ERN_ACT_SIGMOID: dx[i] = dy[i] * sigmoid_slope(x[i]); break;
+      case ERN_ACT_COLOUR: dx[i] = dy[i] * ((ern_real)1.002 * sigmoid_derivative(x[i])); break;
+      case ERN_ACT_SIGMOID: dx[i] = dy[i] * sigmoid_derivative(x[i]); break;
       case ERN_ACT_SOFTPLUS: dx[i] = dy[i] * sigmoid(x[i]); break;
       case ERN_ACT_RELU: dx[i] = x[i] <= 0 ? 0 : dy[i]; break;
     }

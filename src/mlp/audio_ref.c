@@ -37,9 +37,9 @@ static void leaky_relu(ern_real *values, int count) {
   for (int i = 0; i < count; i++) values[i] = held(values[i] > 0 ? values[i] : (ern_real)0.02 * values[i]);
 }
 
-static void leaky_relu_bwd(ern_real *slope, const ern_real *value, int count) {
+static void leaky_relu_bwd(ern_real *gradient, const ern_real *value, int count) {
   for (int i = 0; i < count; i++)
-    slope[i] = is_held(value[i]) ? 0 : value[i] > 0 ? slope[i] : (ern_real)0.02 * slope[i];
+    gradient[i] = is_held(value[i]) ? 0 : value[i] > 0 ? gradient[i] : (ern_real)0.02 * gradient[i];
 }
 
 /* y [outs] = W [outs][ins] x + b */
@@ -217,16 +217,16 @@ void ERN_REF(ern_audio_mix_bwd)(ern_real *dparameters, ern_real *dcodes, const e
   struct audio_values values;
   take_codes(&values, codes, net);
   attention_fwd(&values, parameters, net);
-  ern_real slope[WINDOWS][ERN_AUDIO_MAX_CODE] = {{0}}, dweight[WINDOWS] = {0};
+  ern_real gradient[WINDOWS][ERN_AUDIO_MAX_CODE] = {{0}}, dweight[WINDOWS] = {0};
   for (int t = 0; t < WINDOWS; t++) {
     for (int a = 0; a < net->code; a++) {
-      slope[t][a] = values.weight[t] * dcode[a];
+      gradient[t][a] = values.weight[t] * dcode[a];
       dweight[t] += values.code[t][a] * dcode[a];
     }
   }
-  attention_bwd(dparameters, slope, dweight, &values, parameters, net);
+  attention_bwd(dparameters, gradient, dweight, &values, parameters, net);
   for (int t = 0; t < WINDOWS; t++) {
-    for (int a = 0; a < net->code; a++) dcodes[t * net->code + a] = is_held(values.code[t][a]) ? 0 : slope[t][a];
+    for (int a = 0; a < net->code; a++) dcodes[t * net->code + a] = is_held(values.code[t][a]) ? 0 : gradient[t][a];
   }
 }
 

@@ -28,16 +28,16 @@ void ERN_REF(ern_conv1d_bwd)(ern_real *dx, ern_real *dw, ern_real *db, const ern
   const int length = ern_conv1d_length(conv->length, conv->stride);
   for (int o = 0; o < conv->out; o++) {
     for (int t = 0; t < length; t++) {
-      const ern_real slope = dy[o * length + t];
-      db[o] += slope;
+      const ern_real gradient = dy[o * length + t];
+      db[o] += gradient;
       for (int k = 0; k < KERNEL; k++) {
         const int at = t * conv->stride + k - 1;
         if (at < 0 || at >= conv->length) continue;
         const size_t weight = (size_t)o * (size_t)conv->in * KERNEL + (size_t)k;
         for (size_t c = 0; c < (size_t)conv->in; c++) {
           const size_t input = c * conv->channel + (size_t)at * conv->time;
-          dw[weight + c * KERNEL] += slope * x[input];
-          if (dx != NULL) dx[input] += slope * w[weight + c * KERNEL];
+          dw[weight + c * KERNEL] += gradient * x[input];
+          if (dx != NULL) dx[input] += gradient * w[weight + c * KERNEL];
         }
       }
     }

@@ -111,18 +111,18 @@ static void layer_bwd_input(ern_real *restrict dx, const ern_real *restrict dy, 
 }
 
 /* d relu: 0 where the unit was inactive, that is where its value is 0 */
-static void relu_bwd(ern_real *restrict slope, const ern_real *restrict value, int rows) {
-  for (size_t i = 0; i < (size_t)rows * TILE; i++) slope[i] = value[i] <= 0 ? 0 : slope[i];
+static void relu_bwd(ern_real *restrict gradient, const ern_real *restrict value, int rows) {
+  for (size_t i = 0; i < (size_t)rows * TILE; i++) gradient[i] = value[i] <= 0 ? 0 : gradient[i];
 }
 
 /* dx += the rows of a tile; for a row that the whole batch shares, the sum over the tile. */
-static void scatter(const struct ern_rows_view *dx, const struct ern_rows_view *x, int pieces, const ern_real *slope,
+static void scatter(const struct ern_rows_view *dx, const struct ern_rows_view *x, int pieces, const ern_real *gradient,
                     size_t first, size_t count) {
   for (int p = 0; p < pieces; p++) {
-    for (int c = 0; c < x[p].rows; c++, slope += TILE) {
+    for (int c = 0; c < x[p].rows; c++, gradient += TILE) {
       if (dx[p].data == NULL || x[p].per == ERN_PER_RAY) continue;
       ern_real *row = dx[p].data + (size_t)c * dx[p].stride;
-      for (size_t i = 0; i < count; i++) row[x[p].per == ERN_PER_SAMPLE ? first + i : 0] += slope[i];
+      for (size_t i = 0; i < count; i++) row[x[p].per == ERN_PER_SAMPLE ? first + i : 0] += gradient[i];
     }
   }
 }
@@ -138,19 +138,19 @@ void ERN_REF(ern_mlp_bwd)(const struct ern_rows_view *dx, ern_real *dparameters,
     const size_t count = n - first < TILE ? n - first : TILE;
     gather(scratch + at.value[0], x, pieces, ray, first, count);
     hidden_fwd(scratch, &at, parameters, mlp);
-    ern_real *slope = scratch + at.slope[0], *next = scratch + at.slope[1];
-    gather(slope, &dy_view, 1, NULL, first, count);
+    ern_real *gradient = scratch + at.gradient[0], *next = scratch + at.gradient[1];
+    gather(gradient, &dy_view, 1, NULL, first, count);
     for (int l = mlp->layers - 1; l >= 0; l--) {
       const int outs = mlp->width[l + 1], ins = mlp->width[l];
       const ern_real *value = scratch + at.value[l];
-      layer_bwd_weight(dparameters + mlp->weight[l], slope, value, outs, ins);
+      layer_bwd_weight(dparameters + mlp->weight[l], gradient, value, outs, ins);
       if (l == 0 && !dx_wanted) break;
-      layer_bwd_input(next, slope, parameters + mlp->weight[l], outs, ins);
+      layer_bwd_input(next, gradient, parameters + mlp->weight[l], outs, ins);
       if (l > 0) relu_bwd(next, value, ins);
-      ern_real *const swap = slope;
-      slope = next;
+      ern_real *const swap = gradient;
+      gradient = next;
       next = swap;
     }
-    if (dx_wanted) scatter(dx, x, pieces, slope, first, count);
+    if (dx_wanted) scatter(dx, x, pieces, gradient, first, count);
   }
 }

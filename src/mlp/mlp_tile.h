@@ -17,7 +17,7 @@ static inline size_t ern_mlp_padded(int width) {
 /* Where the parts begin, in reals; each on a cache line. */
 struct ern_mlp_layout {
   size_t value[ERN_MLP_MAX_LAYERS + 1]; /* tile of the input, of each hidden layer, of the output */
-  size_t slope[2];                      /* tiles of gradients, as wide as the widest layer */
+  size_t gradient[2];                   /* tiles of gradients, as wide as the widest layer */
   size_t transposed;                    /* [tile][padded widest]: a tile of values, transposed: sample by sample */
   size_t dweight[ERN_MLP_MAX_LAYERS];   /* [outputs][padded inputs] */
   size_t count;                         /* of all parts */
@@ -32,7 +32,7 @@ static inline struct ern_mlp_layout ern_mlp_layout_make(const struct ern_mlp *ml
     layout.count += (size_t)mlp->width[l] * ERN_MLP_TILE;
   }
   for (int k = 0; k < 2; k++) {
-    layout.slope[k] = layout.count;
+    layout.gradient[k] = layout.count;
     layout.count += (size_t)widest * ERN_MLP_TILE;
   }
   layout.transposed = layout.count;

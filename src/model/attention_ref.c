@@ -20,7 +20,7 @@ void ERN_REF(ern_attention_fwd)(ern_real *region, ern_real *norm, ern_real *regi
 }
 
 /* sum_i dregion_i v_i of a channel */
-static ern_real code_slope(const ern_real *dregion, const ern_real *v, size_t n) {
+static ern_real code_gradient(const ern_real *dregion, const ern_real *v, size_t n) {
   double sum = 0;
   for (size_t i = 0; i < n; i++) sum += (double)dregion[i] * (double)v[i];
   return (ern_real)sum;
@@ -43,7 +43,7 @@ void ERN_REF(ern_attention_bwd)(ern_real *dv, ern_real *dcode, ern_real *deye_at
       dv[r * stride + i] = gradient;
     }
     for (size_t c = first; dcode && dregion && c < end; c++)
-      dcode[c] += code_slope(dregion + c * stride, v + r * stride, n);
+      dcode[c] += code_gradient(dregion + c * stride, v + r * stride, n);
   }
   if (deye_attention && dregion_eye) {
     for (size_t i = 0; i < n; i++) deye_attention[i] += eye * dregion_eye[i];

@@ -108,9 +108,9 @@ double inverse_norm(const float *f, size_t channels) {
   return 1 / (std::sqrt(sum) + least_norm);
 }
 
-/* Returns the layer's part of the distance; slope (NULL: not wanted) = its derivative by f. With u = f/n, n = |f| +
+/* Returns the layer's part of the distance; gradient (NULL: not wanted) = its derivative by f. With u = f/n, n = |f| +
  * 1e-10, and e_c = 2 w_c (u_c - v_c): df_c = (e_c - u_c sum_k e_k f_k/|f|)/n. A pixel without features has none. */
-double compare(const Layer &layer, const memory &picture, const memory &truth, float *slope) {
+double compare(const Layer &layer, const memory &picture, const memory &truth, float *gradient) {
   const size_t channels = layer.head.size(), pixels = count_of(picture) / channels;
   double sum = 0;
   for (size_t p = 0; p < pixels; p++) {
@@ -123,12 +123,12 @@ double compare(const Layer &layer, const memory &picture, const memory &truth, f
       sum += weight * apart * apart;
       along += 2 * weight * apart * static_cast<double>(f[c]);
     }
-    if (slope == nullptr) continue;
+    if (gradient == nullptr) continue;
     const double norm = 1 / by_f - least_norm, shrink = norm > 0 ? along * by_f / norm : 0;
     for (size_t c = 0; c < channels; c++) {
       const double apart = static_cast<double>(f[c]) * by_f - static_cast<double>(g[c]) * by_g;
       const double e = 2 * static_cast<double>(layer.head[c]) * apart;
-      slope[p * channels + c] =
+      gradient[p * channels + c] =
           norm > 0 ? static_cast<float>((e - static_cast<double>(f[c]) * shrink) * by_f / static_cast<double>(pixels))
                    : 0;
     }
@@ -212,7 +212,7 @@ double ern_perceptual_network::distance(const float *picture, const float *truth
   const bool wanted = gradient != nullptr;
   memory x = input(picture), y = input(truth);
   std::vector<Activation> kept;
-  std::vector<std::vector<float>> slopes(layers.size());
+  std::vector<std::vector<float>> gradients(layers.size());
   double sum = 0;
   for (size_t l = 0; l < layers.size(); l++) {
     Activation of_picture = forward(stages[l], x);
@@ -220,14 +220,14 @@ double ern_perceptual_network::distance(const float *picture, const float *truth
     x = of_picture.out;
     if (wanted) kept.push_back(of_picture);
     if (layers[l].head.empty()) continue;
-    if (wanted) slopes[l].resize(count_of(x));
-    sum += compare(layers[l], x, y, wanted ? slopes[l].data() : nullptr);
+    if (wanted) gradients[l].resize(count_of(x));
+    sum += compare(layers[l], x, y, wanted ? gradients[l].data() : nullptr);
   }
   if (!wanted) return sum;
   memory d(stages.back().out, engine);
   for (size_t i = 0; i < count_of(d); i++) data_of(d)[i] = 0;
   for (size_t l = layers.size(); l-- > 0;) {
-    for (size_t i = 0; i < slopes[l].size(); i++) data_of(d)[i] += slopes[l][i];
+    for (size_t i = 0; i < gradients[l].size(); i++) data_of(d)[i] += gradients[l][i];
     d = backward(stages[l], kept[l], d);
   }
   const size_t pixels = static_cast<size_t>(height) * static_cast<size_t>(width);

@@ -9,8 +9,8 @@
 #include "train/step.h"
 
 /* d [3][side^2] of patch `number`, times factor, is added to dpixel; to: [side^2] */
-static ern_status add_slopes(struct ern_stream *stream, const struct ern_patch_loss_args *p, size_t number,
-                             const float *d, double factor, float *to) {
+static ern_status add_gradients(struct ern_stream *stream, const struct ern_patch_loss_args *p, size_t number,
+                                const float *d, double factor, float *to) {
   const size_t n = (size_t)p->side * (size_t)p->side;
   ern_status status = ERN_OK;
   for (int c = 0; c < 3; c++) {
@@ -54,7 +54,7 @@ static ern_status on_the_host(struct ern_stream *stream, const struct ern_fine_l
     }
     ERN_TRY(ern_fine_loss_compute(context, loss, pixel, truth, p->side, &value, d));
     p->term += factor * value;
-    ERN_TRY(add_slopes(stream, p, k, d, factor, row));
+    ERN_TRY(add_gradients(stream, p, k, d, factor, row));
   }
 fail:
   ern_release(context, pixel);

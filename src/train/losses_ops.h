@@ -107,7 +107,7 @@ struct ern_key_points_loss_args {
 };
 typedef double ern_key_points_loss_kernel(ern_real *danchors, const ern_real *anchors);
 
-enum { ERN_POSE_SLOPES = 6 };
+enum { ERN_POSE_PARAMETERS = 6 };
 
 /* Gradient of the loss by a small camera motion about the scene's origin, with rotation vector w (radians) and
  * translation m:
@@ -115,16 +115,16 @@ enum { ERN_POSE_SLOPES = 6 };
  *
  *   dL/dw = sum over samples of u (x cross dx + d cross dd),   dL/dm = sum of u dx */
 struct ern_pose_bwd_args {
-  double dpose[ERN_POSE_SLOPES]; /* out, on the host: dL/dw, dL/dm; valid after `synchronize` */
-  ern_rows dx, x;                /* [3] per sample */
-  ern_rows dd, d;                /* [3] per sample; zeroed: the colour does not depend on d */
-  ern_span weight;               /* u, real [n]; zeroed: 1 */
+  double dpose[ERN_POSE_PARAMETERS]; /* out, on the host: dL/dw, dL/dm; valid after `synchronize` */
+  ern_rows dx, x;                    /* [3] per sample */
+  ern_rows dd, d;                    /* [3] per sample; zeroed: the colour does not depend on d */
+  ern_span weight;                   /* u, real [n]; zeroed: 1 */
   size_t n;
 };
 /* Adds to dpose. dd, d NULL: none; weight NULL: 1. All rows at one stride each. */
-typedef void ern_pose_bwd_kernel(double dpose[ERN_POSE_SLOPES], const ern_real *dx, size_t dx_stride, const ern_real *x,
-                                 size_t x_stride, const ern_real *dd, size_t dd_stride, const ern_real *d,
-                                 size_t d_stride, const ern_real *weight, size_t n);
+typedef void ern_pose_bwd_kernel(double dpose[ERN_POSE_PARAMETERS], const ern_real *dx, size_t dx_stride,
+                                 const ern_real *x, size_t x_stride, const ern_real *dd, size_t dd_stride,
+                                 const ern_real *d, size_t d_stride, const ern_real *weight, size_t n);
 
 ERN_DECLARE_KERNELS(ERN_LOSSES_OPERATIONS)
 

@@ -156,7 +156,7 @@ static void add_cross(double sum[3], double u, const ern_real *da, size_t da_str
   sum[2] += u * (x * dy - y * dx);
 }
 
-void ERN_REF(ern_pose_bwd)(double dpose[ERN_POSE_SLOPES], const ern_real *dx, size_t dx_stride, const ern_real *x,
+void ERN_REF(ern_pose_bwd)(double dpose[ERN_POSE_PARAMETERS], const ern_real *dx, size_t dx_stride, const ern_real *x,
                            size_t x_stride, const ern_real *dd, size_t dd_stride, const ern_real *d, size_t d_stride,
                            const ern_real *weight, size_t n) {
   for (size_t i = 0; i < n; i++) {

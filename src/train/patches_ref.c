@@ -28,8 +28,8 @@ struct filtered {
   ern_real *x, *y, *xx, *yy, *xy; /* filtered: x, y, x^2, y^2, xy */
 };
 
-/* Sum of 1 - SSIM; f->x, xx, xy become the slopes of the sum of SSIM by A x, A x^2, A xy. */
-static double slopes(const struct filtered *f, ern_real base, size_t n) {
+/* Sum of 1 - SSIM; f->x, xx, xy become the gradients of the sum of SSIM by A x, A x^2, A xy. */
+static double gradients(const struct filtered *f, ern_real base, size_t n) {
   const ern_real c1 = (ern_real)1e-4, c2 = (ern_real)9e-4;
   double sum = 0;
   for (size_t i = 0; i < n; i++) {
@@ -60,7 +60,7 @@ double ERN_REF(ern_patch_scale)(ern_real *dx, const ern_real *x, const ern_real 
   filter(f.yy, product, a, at, side, between);
   for (size_t i = 0; i < n; i++) product[i] = x[i] * y[i];
   filter(f.xy, product, a, at, side, between);
-  const double sum = slopes(&f, base, n);
+  const double sum = gradients(&f, base, n);
   filter(product, f.x, at, a, side, between);
   for (size_t i = 0; i < n; i++) dx[i] -= factor * product[i];
   filter(product, f.xx, at, a, side, between);

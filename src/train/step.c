@@ -295,7 +295,7 @@ static ern_status backward_pass(struct ern_stream *stream, struct ern_head_step_
 
 /* Adds a part's contribution to the camera's gradient, after it is synchronized. */
 static void add_pose(struct ern_head_step_args *a, struct pass *p) {
-  for (size_t k = 0; a->dpose != NULL && k < ERN_POSE_SLOPES; k++) {
+  for (size_t k = 0; a->dpose != NULL && k < ERN_POSE_PARAMETERS; k++) {
     a->dpose[k] += p->pose.dpose[k];
     p->pose.dpose[k] = 0;
   }
@@ -353,7 +353,7 @@ ern_status ern_head_step_parts(struct ern_stream *stream, struct ern_head_step_a
   struct part all = {.rays = args->n};
   ern_status status = ERN_OK;
   memset(args->terms, 0, sizeof args->terms);
-  for (size_t k = 0; args->dpose != NULL && k < ERN_POSE_SLOPES; k++) args->dpose[k] = 0;
+  for (size_t k = 0; args->dpose != NULL && k < ERN_POSE_PARAMETERS; k++) args->dpose[k] = 0;
   ERN_TRY(begin(stream, args, &pass));
   if (at_once < args->n) {
     ERN_TRY(in_parts(stream, args, &pass, at_once > 0 ? at_once : 1));

@@ -47,7 +47,7 @@ struct ern_head_step_args {
       *smooth_offsets; /* recorded offsets [samples][3], on the host, to repeat another program's step; NULL: Philox */
   uint64_t seed, step;
   struct ern_profile *profile; /* added to; NULL: not wanted. Only fused passes fill it */
-  double *dpose;               /* out, on the host: [ERN_POSE_SLOPES], as ern_pose_bwd_args has it, without the
+  double *dpose;               /* out, on the host: [ERN_POSE_PARAMETERS], as ern_pose_bwd_args has it, without the
                                 * smoothness term; NULL: not wanted */
   ern_span dpose_weight;       /* real [n], weight of a ray in dpose; zeroed: 1 */
   struct ern_step_patches patches;

@@ -101,7 +101,7 @@ static ern_status head_step(ern_trainer *t, struct ern_batch *batch, struct ern_
                                     .n = batch->rays};
   const ern_status status = t->backend->head_step(t->stream, &args);
   add_part(t, sum, args.terms, args.squared_error, args.samples, batch->rays);
-  for (size_t i = 0; i < ERN_POSE_SLOPES; i++) sum->dpose[batch->of_step][i] += batch->dpose[i];
+  for (size_t i = 0; i < ERN_POSE_PARAMETERS; i++) sum->dpose[batch->of_step][i] += batch->dpose[i];
   return status;
 }
 
@@ -138,13 +138,13 @@ static ern_status check_finite(ern_trainer *t, const struct ern_step_sum *sum) {
       return ern_fail(t->context, ERN_E_NONFINITE,
                       "step %" PRIu64 ": the loss term %s is %g; the parameters are as before", t->step, term_name[i],
                       terms[i]);
-  for (size_t i = 0; i < frames * ERN_POSE_SLOPES; i++)
-    if (!isfinite(sum->dpose[i / ERN_POSE_SLOPES][i % ERN_POSE_SLOPES]))
+  for (size_t i = 0; i < frames * ERN_POSE_PARAMETERS; i++)
+    if (!isfinite(sum->dpose[i / ERN_POSE_PARAMETERS][i % ERN_POSE_PARAMETERS]))
       return ern_fail(t->context, ERN_E_NONFINITE,
                       "step %" PRIu64
                       ": the gradient of the pose of training frame %zu is not finite; the parameters are "
                       "as before",
-                      t->step, ern_trainer_step_frame(t, i / ERN_POSE_SLOPES));
+                      t->step, ern_trainer_step_frame(t, i / ERN_POSE_PARAMETERS));
   struct ern_finite_args all = {.values = t->gradient, .n = t->model->field.parameters};
   ern_status status = t->backend->finite(t->stream, &all);
   if (status != ERN_OK || all.finite) return status;

@@ -52,9 +52,9 @@ struct ern_run_folder {
 /* One row per frame: three angles (radians) and a translation (scene units) of the model's camera refinement, both
  * about the scene's origin. Their mean over the trained frames is 0. */
 struct ern_trainer_poses {
-  float *row;           /* [frames][ERN_POSE_SLOPES] */
-  float *bend;          /* [frames][ERN_POSE_SLOPES]: second differences of the clip's own camera path, 0 at its gaps */
-  size_t *beside;       /* [frames][2]: the frames before and after in time, the frame itself where there is none */
+  float *row;     /* [frames][ERN_POSE_PARAMETERS] */
+  float *bend;    /* [frames][ERN_POSE_PARAMETERS]: second differences of the clip's own camera path, 0 at its gaps */
+  size_t *beside; /* [frames][2]: the frames before and after in time, the frame itself where there is none */
   int64_t *speech_row;  /* [frames]: their rows of the speech */
   float mean_square[2]; /* of the gradients by angles and by moves, all frames together; 0: no step yet */
 };
@@ -63,8 +63,8 @@ struct ern_trainer_poses {
 struct ern_step_sum {
   double terms[ERN_LOSS_TERMS]; /* each frame's are means over its own rays */
   double squared_error, samples;
-  double dpose[ERN_FRAMES_PER_STEP_MOST][ERN_POSE_SLOPES]; /* by frame of the step */
-  double seconds, beside;                                  /* before the step, by the clock of rank 0 */
+  double dpose[ERN_FRAMES_PER_STEP_MOST][ERN_POSE_PARAMETERS]; /* by frame of the step */
+  double seconds, beside;                                      /* before the step, by the clock of rank 0 */
 };
 
 /* Sums of parts of a step, on the host: [levels] of a binary tree, each waiting for its sibling. */
@@ -82,8 +82,8 @@ struct ern_batch {
   float eye;
   ern_span pixel_number, jitter, face, windows;
   ern_rows truth, background;
-  ern_span rigid;                /* real [rays]: 0 in the lower face, which moves relative to the head, else 1 */
-  double dpose[ERN_POSE_SLOPES]; /* after the step, where ern_trainer_poses_due */
+  ern_span rigid;                    /* real [rays]: 0 in the lower face, which moves relative to the head, else 1 */
+  double dpose[ERN_POSE_PARAMETERS]; /* after the step, where ern_trainer_poses_due */
 };
 
 struct ern_trainer {
@@ -261,7 +261,7 @@ void ern_trainer_poses_free(ern_trainer *t);
 bool ern_trainer_poses_due(const ern_trainer *t);
 /* The camera of a training frame as it is refined now. */
 struct ern_view ern_trainer_poses_view(ern_trainer *t, size_t frame);
-/* Updates the pose row of the frame that a step trained on. dpose: [ERN_POSE_SLOPES], finite */
+/* Updates the pose row of the frame that a step trained on. dpose: [ERN_POSE_PARAMETERS], finite */
 void ern_trainer_poses_step(ern_trainer *t, size_t frame, const double *dpose);
 
 /* Writes the rows, in the model's form, and their regression to t->model. */

@@ -102,7 +102,7 @@ fail:
 static ern_status share_poses(ern_trainer *t) {
   struct ern_trainer_poses *poses = t->poses;
   if (poses == NULL) return ERN_OK;
-  const ern_status status = broadcast(t, poses->row, ERN_POSE_SLOPES * t->data.frames[0] * sizeof *poses->row);
+  const ern_status status = broadcast(t, poses->row, ERN_POSE_PARAMETERS * t->data.frames[0] * sizeof *poses->row);
   return status == ERN_OK ? broadcast(t, poses->mean_square, sizeof poses->mean_square) : status;
 }
 

@@ -123,8 +123,8 @@ ern_status ern_trainer_parts_step(ern_trainer *t, struct ern_batch *batches, str
   /* a batch's gradient is that of the mean over its own rays; a power of 2, so exact */
   const float share = (float)frames / (float)all;
   for (size_t i = 0; i < parts->count && share != 1; i++) parts->values[i] *= share;
-  for (size_t i = 0; i < frames * ERN_POSE_SLOPES; i++)
-    sum->dpose[i / ERN_POSE_SLOPES][i % ERN_POSE_SLOPES] *= (double)share;
+  for (size_t i = 0; i < frames * ERN_POSE_PARAMETERS; i++)
+    sum->dpose[i / ERN_POSE_PARAMETERS][i % ERN_POSE_PARAMETERS] *= (double)share;
   ERN_TRY(t->backend->upload_reals(t->stream, ern_span_part(t->gradient, parts->begin, parts->count), parts->values,
                                    parts->count));
 fail:

@@ -8,7 +8,7 @@
 
 #include "core/memory.h"
 
-enum { N = ERN_POSE_SLOPES };
+enum { N = ERN_POSE_PARAMETERS };
 
 /* Found by experiment: limits of a row's change in a whole training, if every visit pulls it the same way, and in one
  * visit; radians, and the length unit of the clip's poses, metres. */
@@ -221,9 +221,9 @@ static double bend_at(const struct ern_trainer_poses *p, size_t frame, size_t k)
 
 /* Running mean square of the gradient by angles or by moves; returns its root. The three components share one, so that
  * a direction which the picture hardly shows, such as depth, is not moved as far as the others. */
-static double size_of(float *mean_square, const double slope[3]) {
+static double size_of(float *mean_square, const double gradient[3]) {
   double square = 0;
-  for (size_t k = 0; k < 3; k++) square += slope[k] * slope[k] / 3;
+  for (size_t k = 0; k < 3; k++) square += gradient[k] * gradient[k] / 3;
   const double kept = *mean_square > 0 ? beta2 * (double)*mean_square + (1 - beta2) * square : square;
   *mean_square = (float)fmin(kept, 1e30);
   return sqrt((double)*mean_square);
@@ -241,11 +241,11 @@ void ern_trainer_poses_step(ern_trainer *t, size_t frame, const double *dpose) {
   const double size[2] = {size_of(&p->mean_square[0], dpose), size_of(&p->mean_square[1], dpose + 3)};
   const size_t before = p->beside[2 * frame], after = p->beside[2 * frame + 1];
   for (size_t k = 0; k < N; k++) {
-    const double slope = k < 3 ? -dpose[k] : dpose[k]; /* a row's angles turn the other way */
+    const double gradient = k < 3 ? -dpose[k] : dpose[k]; /* a row's angles turn the other way */
     const double bends = (before != frame ? bend_at(p, before, k) : 0) - 2 * bend_at(p, frame, k) +
                          (after != frame ? bend_at(p, after, k) : 0);
     double by = fall * path_share * bends / 6;
-    if (size[k / 3] > 0) by += rate[k / 3] * fmax(-3, fmin(3, slope / size[k / 3]));
+    if (size[k / 3] > 0) by += rate[k / 3] * fmax(-3, fmin(3, gradient / size[k / 3]));
     p->row[N * frame + k] -= (float)by;
   }
   hold_mean(t);

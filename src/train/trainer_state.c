@@ -64,8 +64,8 @@ static void add_poses(struct state_tensors *s, const ern_trainer *t) {
   s->tensor[s->count++] = (struct ern_tensor){.name = "state.camera",
                                               .dtype = ERN_F32,
                                               .dims = 2,
-                                              .shape = {frames, ERN_POSE_SLOPES},
-                                              .count = frames * ERN_POSE_SLOPES,
+                                              .shape = {frames, ERN_POSE_PARAMETERS},
+                                              .count = frames * ERN_POSE_PARAMETERS,
                                               .data = t->poses->row};
   s->tensor[s->count++] = (struct ern_tensor){.name = "state.camera_moment",
                                               .dtype = ERN_F32,
@@ -305,7 +305,7 @@ static ern_status take_state(ern_trainer *t, const struct ern_tensor_file *file,
     ERN_TRY(ern_trainer_list(t));
   }
   if (t->poses != NULL && !ern_trainer_is_foreign(t, model) && ern_tensor_file_find(file, "state.camera") != NULL) {
-    const size_t shape[2] = {t->data.frames[0], ERN_POSE_SLOPES}, two = 2;
+    const size_t shape[2] = {t->data.frames[0], ERN_POSE_PARAMETERS}, two = 2;
     ERN_TRY(ern_tensor_take(t->context, file, path, "state.camera", 2, shape, t->poses->row));
     ERN_TRY(ern_tensor_take(t->context, file, path, "state.camera_moment", 1, &two, t->poses->mean_square));
   }

@@ -216,7 +216,8 @@ static void test_odd_lengths_long(void **state) {
   check_audio(4, 11);
 }
 
-/* Values beyond the limit stay at it, and nothing before them has a slope: neither by differences nor by backward. */
+/* Values beyond the limit stay at it, and nothing before them has a gradient: neither by differences nor by backward.
+ */
 static void check_held(bool code) {
   static struct audio audio;
   memset(&audio, 0, sizeof audio);

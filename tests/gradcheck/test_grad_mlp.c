@@ -223,13 +223,13 @@ static void test_activations(void **state) {
 /* In place, and back from what it left: the backbone `mlp` keeps the rectified values alone. */
 static void test_relu_in_place(void **state) {
   (void)state;
-  const double x[] = {-3, -0.0, 0, 1e-300, 2}, expected[] = {0, -0.0, 0, 1e-300, 2}, slope[] = {0, 0, 0, 7, 7};
+  const double x[] = {-3, -0.0, 0, 1e-300, 2}, expected[] = {0, -0.0, 0, 1e-300, 2}, gradient[] = {0, 0, 0, 7, 7};
   enum { COUNT = sizeof x / sizeof *x };
   double y[COUNT], dx[COUNT];
   for (size_t i = 0; i < COUNT; i++) y[i] = x[i], dx[i] = 7;
   ern_activate_fwd_ref64(y, y, ERN_ACT_RELU, COUNT);
   ern_activate_bwd_ref64(dx, dx, y, ERN_ACT_RELU, COUNT);
-  for (size_t i = 0; i < COUNT; i++) assert_true(y[i] == expected[i] && dx[i] == slope[i]);
+  for (size_t i = 0; i < COUNT; i++) assert_true(y[i] == expected[i] && dx[i] == gradient[i]);
 }
 
 /* dx = dy exp(clamp(x, -15, 15)), which is the derivative of exp(min(x, 80)) only inside. */
@@ -242,8 +242,8 @@ static void test_clamped_density(void **state) {
   ern_activate_fwd_ref64(y, x, ERN_ACT_DENSITY, COUNT);
   ern_activate_bwd_ref64(dx, dy, x, ERN_ACT_DENSITY, COUNT);
   for (size_t i = 0; i < COUNT; i++) {
-    const double slope = exp(fmin(fmax(x[i], -15), 15)), value = exp(fmin(x[i], 80));
-    assert_true(fabs(dx[i] + 2 * slope) <= 4 * DBL_EPSILON * 2 * slope);
+    const double gradient = exp(fmin(fmax(x[i], -15), 15)), value = exp(fmin(x[i], 80));
+    assert_true(fabs(dx[i] + 2 * gradient) <= 4 * DBL_EPSILON * 2 * gradient);
     assert_true(fabs(y[i] - value) <= 4 * DBL_EPSILON * value);
     if (fabs(x[i]) >= 15) continue;
     double sides[2];
@@ -269,7 +269,7 @@ static void test_activations_finite(void **state) {
       assert_true(isfinite(dx[i]) && dx[i] >= 0);
     }
     assert_true(isnan(y[COUNT - 1]));
-    assert_true(isnan(dx[COUNT - 1]) || kind == ERN_ACT_RELU); /* whose slope is 0 or 1 */
+    assert_true(isnan(dx[COUNT - 1]) || kind == ERN_ACT_RELU); /* whose gradient is 0 or 1 */
   }
 }
 

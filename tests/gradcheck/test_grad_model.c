@@ -166,7 +166,7 @@ static double loss(struct scene *s, bool torso) {
   return sum;
 }
 
-static double slope(struct scene *s, bool torso, size_t at, double h) {
+static double difference(struct scene *s, bool torso, size_t at, double h) {
   const double kept = s->values[at];
   s->values[at] = kept + h;
   const double above = loss(s, torso);
@@ -188,17 +188,17 @@ static void largest(const double *gradient, size_t count, size_t found[PROBES], 
   }
 }
 
-/* What the rounding of the loss does to a slope: a few units of its last place over 2 h, by value, summed as an L2
+/* What the rounding of the loss does to a difference: a few units of its last place over 2 h, by value, summed as an L2
  * norm. */
-static double slope_rounding(double loss_value, size_t probes) {
+static double difference_rounding(double loss_value, size_t probes) {
   return 4 * 2.2e-16 * fabs(loss_value) / 2e-5 * sqrt((double)probes);
 }
 
 /* |g - g_fd| / |g_fd| <= 1e-6 by tensor, h = 1e-5 max(1, |x|), beside the rounding of the loss. A value that is off by
- * more than its part of that, 1e-7 of the tensor's largest, is near a kink (ReLU, clamp, cell border) where the slopes
- * over h and over 10 h differ by more than a smooth function's: 1e-6 of the largest. */
+ * more than its part of that, 1e-7 of the tensor's largest, is near a kink (ReLU, clamp, cell border) where the
+ * differences over h and over 10 h differ by more than a smooth function's: 1e-6 of the largest. */
 static void check(struct scene *s, bool torso, const char *prefix) {
-  int tensors = 0, faint = 0; /* faint: the rounding leaves less than five digits of the slope */
+  int tensors = 0, faint = 0; /* faint: the rounding leaves less than five digits of the difference */
   size_t looked = 0, skipped = 0;
   double *gradient = (double *)calloc(s->field.parameters, sizeof *gradient);
   const double value = loss(s, torso);
@@ -214,8 +214,8 @@ static void check(struct scene *s, bool torso, const char *prefix) {
     double error = 0, norm = 0;
     for (size_t p = 0; p < probes; p++) {
       const size_t at = row->at + found[p];
-      const double h = 1e-5 * fmax(1, fabs(s->values[at])), fine = slope(s, torso, at, h);
-      if (fabs(gradient[at] - fine) > 1e-7 * top && fabs(slope(s, torso, at, 10 * h) - fine) > 1e-6 * top) {
+      const double h = 1e-5 * fmax(1, fabs(s->values[at])), fine = difference(s, torso, at, h);
+      if (fabs(gradient[at] - fine) > 1e-7 * top && fabs(difference(s, torso, at, 10 * h) - fine) > 1e-6 * top) {
         near++;
         continue;
       }
@@ -225,7 +225,7 @@ static void check(struct scene *s, bool torso, const char *prefix) {
     tensors++;
     looked += probes;
     skipped += near;
-    const double rounding = slope_rounding(value, probes);
+    const double rounding = difference_rounding(value, probes);
     if (rounding > 1e-5 * sqrt(norm)) faint++;
     if (near < probes && !(sqrt(error) <= 1e-6 * sqrt(norm) + rounding))
       fail_msg("%s: off by %.2e (largest %.2e)", row->name, sqrt(error / norm), top);
@@ -332,12 +332,12 @@ static void move_camera(float pose[16], const double from[16], int k, double by)
  * from the near plane on end before the box does. Tables that are bilinear over all of a level have no kinks at its
  * borders, and of the waves two octaves are looked at. What is left of the difference is the rounding of positions,
  * which are floats in every build: 2^-25 of sizes up to 1 over h = 1e-4, by sample, at random; beside it terms of h^2,
- * and units that are switched within h: 1 % of the largest slope has room for them. A wrong sign or factor is off by
- * 100 %. */
+ * and units that are switched within h: 1 % of the largest difference has room for them. A wrong sign or factor is off
+ * by 100 %. */
 static void check_pose(struct kinds kinds) {
   const double from[16] = {0.8, 0, 0.6, 0.05, 0.6, 0, -0.8, 0.1, 0, 1, 0, -0.08, 0, 0, 0, 1}, h = 1e-4;
   struct scene s;
-  double dpose[ERN_POSE_SLOPES], slope_of[ERN_POSE_SLOPES], most[2] = {0, 0};
+  double dpose[ERN_POSE_PARAMETERS], difference_of[ERN_POSE_PARAMETERS], most[2] = {0, 0};
   scene_open_of(&s, kinds);
   s.head.weights = (struct ern_loss_weights){.s = 0, .entropy = 0.5f};
   s.view.focal = 20;
@@ -362,17 +362,17 @@ static void check_pose(struct kinds kinds) {
   (void)loss(&s, false);
   assert_int_equal(s.head.samples, 16 * RAYS);
   s.head.dpose = NULL;
-  for (int k = 0; k < ERN_POSE_SLOPES; k++) {
+  for (int k = 0; k < ERN_POSE_PARAMETERS; k++) {
     move_camera(s.view.pose, from, k, h);
     const double above = loss(&s, false);
     move_camera(s.view.pose, from, k, -h);
-    slope_of[k] = (above - loss(&s, false)) / (2 * h);
-    most[k / 3] = fmax(most[k / 3], fabs(slope_of[k]));
+    difference_of[k] = (above - loss(&s, false)) / (2 * h);
+    most[k / 3] = fmax(most[k / 3], fabs(difference_of[k]));
   }
-  for (int k = 0; k < ERN_POSE_SLOPES; k++) {
-    print_message("slope %d: %.6e, by differences %.6e\n", k, dpose[k], slope_of[k]);
-    assert_true(fabs(slope_of[k]) <= 1 && most[k / 3] > 1e-6);
-    assert_true(fabs(dpose[k] - slope_of[k]) <= 0.01 * most[k / 3]);
+  for (int k = 0; k < ERN_POSE_PARAMETERS; k++) {
+    print_message("difference %d: %.6e, by differences %.6e\n", k, dpose[k], difference_of[k]);
+    assert_true(fabs(difference_of[k]) <= 1 && most[k / 3] > 1e-6);
+    assert_true(fabs(dpose[k] - difference_of[k]) <= 0.01 * most[k / 3]);
   }
   scene_close(&s);
 }

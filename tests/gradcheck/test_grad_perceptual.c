@@ -194,11 +194,11 @@ static void check(const struct net *net, struct ern_perceptual_network *network,
     pair->x[i] = at - h;
     const double below = distance_of(net, pair->x, pair->y, pair->side);
     pair->x[i] = at;
-    const double bend = (above - 2 * expected + below) / h, slope = (above - below) / (2 * h);
+    const double bend = (above - 2 * expected + below) / h, difference = (above - below) / (2 * h);
     if (fabs(bend) > 1e-4 * largest) continue;
     smooth++;
-    if (!(fabs((double)gradient[i] - slope) <= tolerance * largest))
-      fail_msg("gradient [%d] %.9g, expected %.9g; the largest is %.3g", i, (double)gradient[i], slope, largest);
+    if (!(fabs((double)gradient[i] - difference) <= tolerance * largest))
+      fail_msg("gradient [%d] %.9g, expected %.9g; the largest is %.3g", i, (double)gradient[i], difference, largest);
   }
   assert_true(smooth >= (kind == FLAT ? 0 : 30));
 }
@@ -224,7 +224,7 @@ static void test_definition(void **state) {
     }
 }
 
-/* Equal pictures are at distance 0 without a slope; a picture without any feature is finite. */
+/* Equal pictures are at distance 0 without a gradient; a picture without any feature is finite. */
 static void test_equal_and_dead(void **state) {
   (void)state;
   static struct net net;

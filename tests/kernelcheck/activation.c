@@ -55,20 +55,20 @@ static void check(size_t n) {
   for (ern_activation kind = ERN_ACT_DENSITY; kind <= ERN_ACT_RELU; kind++) {
     const struct many_rows from = many_strided(x, ROWS, n, ERN_PER_SAMPLE),
                            to = many_strided(NULL, ROWS, n, ERN_PER_SAMPLE),
-                           slope = many_strided(dy, ROWS, n, ERN_PER_SAMPLE),
+                           gradient = many_strided(dy, ROWS, n, ERN_PER_SAMPLE),
                            apart = many_strided(NULL, ROWS, n, ERN_PER_SAMPLE);
     struct args args;
     EACH_MACHINE (k) {
       args.forward[k] = (struct ern_activate_fwd_args){to.on[k], from.on[k], kind, n};
-      args.backward[k] = (struct ern_activate_bwd_args){apart.on[k], slope.on[k], from.on[k], kind, n};
-      args.in_place[k] = (struct ern_activate_bwd_args){slope.on[k], slope.on[k], from.on[k], kind, n};
+      args.backward[k] = (struct ern_activate_bwd_args){apart.on[k], gradient.on[k], from.on[k], kind, n};
+      args.in_place[k] = (struct ern_activate_bwd_args){gradient.on[k], gradient.on[k], from.on[k], kind, n};
     }
     RUN(activate_fwd, args.forward);
     RUN(activate_bwd, args.backward);
     RUN(activate_bwd, args.in_place);
     expect_activated("y", to, kind, x, n);
     expect_activated("dx", apart, kind, x, n);
-    expect_activated("dx in place", slope, kind, x, n);
+    expect_activated("dx in place", gradient, kind, x, n);
   }
   machines_clear();
 }

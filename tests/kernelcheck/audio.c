@@ -174,7 +174,7 @@ static void expect_gradient(const struct values *v, struct many dblock) {
 /* The float reference against the double one, |float - double| relative to the largest value of the tensor. Twelve
  * layers in a row, each a sum of K <= 3 D terms that is off by at most K u of its absolute sum, are a worst case that
  * no data meets; errors of sums add like a random walk, sqrt(K) u. 12 layers of sqrt(3 * 1024) u make 4e-5; a LeakyReLU
- * flipped by it moves a slope by 0.98 of a value that is itself that small. */
+ * flipped by it moves a gradient by 0.98 of a value that is itself that small. */
 static const double double_tolerance = 4e-5;
 
 static void expect_double(const char *what, const float *found, const double *expected, size_t count) {

@@ -20,7 +20,7 @@ static vf exp_pair(vf x) {
 LANES_FUNCTION(exp)
 LANES_FUNCTION(expm1)
 LANES_FUNCTION(sigmoid)
-LANES_FUNCTION(sigmoid_slope)
+LANES_FUNCTION(sigmoid_derivative)
 LANES_FUNCTION(log)
 LANES_FUNCTION(log2)
 LANES_FUNCTION(log1p)
@@ -28,7 +28,7 @@ LANES_FUNCTION(softplus)
 LANES_FUNCTION(sine)
 
 static double sigmoid(double x) { return 1 / (1 + exp(-x)); }
-static double sigmoid_slope(double x) {
+static double sigmoid_derivative(double x) {
   const double e = exp(-fabs(x));
   return e / ((1 + e) * (1 + e));
 }
@@ -53,8 +53,8 @@ static const struct elementary {
     {"expm1", lanes_expm1, expm1, 1.5, -0.0f, -1e30f, true},
     {"sigmoid", lanes_sigmoid, sigmoid, 2.5, -88, 110, false},
     {"sigmoid", lanes_sigmoid, sigmoid, 2.5, -3, 3, false},
-    {"slope", lanes_sigmoid_slope, sigmoid_slope, 4, -110, 110, false},
-    {"slope", lanes_sigmoid_slope, sigmoid_slope, 4, -3, 3, false},
+    {"gradient", lanes_sigmoid_derivative, sigmoid_derivative, 4, -110, 110, false},
+    {"gradient", lanes_sigmoid_derivative, sigmoid_derivative, 4, -3, 3, false},
     {"log", lanes_log, log, 1.5, 0, FLT_MAX, true},
     {"log", lanes_log, log, 1.5, 0.4f, 2.5f, false},
     {"log", lanes_log, log, 1.5, 0.999f, 1.001f, false},

@@ -233,12 +233,12 @@ static void check_fwd_definition(int k, const struct scene *s, const struct pass
 }
 
 /* The gradient of a ray's samples. */
-struct slopes {
+struct gradients {
   const float *drgb, *dsample[DSAMPLE_SPANS], *colour, *opacity;
   size_t stride, ray_stride;
 };
 
-static void check_ray_bwd(int k, const struct scene *s, const struct slopes *found, size_t r, size_t counted) {
+static void check_ray_bwd(int k, const struct scene *s, const struct gradients *found, size_t r, size_t counted) {
   const size_t n = s->samples, rays = s->rays, begin = (size_t)s->first[r];
   const float *const x = s->sample, *const dray = s->dray;
   const double tolerance = 2 * cpu_tolerance_of(counted) + 8 * 0x1p-23; /* the weight, and sums over what is behind */
@@ -286,11 +286,11 @@ static void check_ray_bwd(int k, const struct scene *s, const struct slopes *fou
 }
 
 static void check_bwd_definition(int k, const struct scene *s, const struct pass *p) {
-  struct slopes found = {.drgb = floats_of(k, of_rows(p->drgb)),
-                         .colour = floats_of(k, of_rows(p->colour)),
-                         .opacity = floats_of(k, p->ray[OF_OPACITY]),
-                         .stride = p->drgb.on[0].stride,
-                         .ray_stride = p->colour.on[0].stride};
+  struct gradients found = {.drgb = floats_of(k, of_rows(p->drgb)),
+                            .colour = floats_of(k, of_rows(p->colour)),
+                            .opacity = floats_of(k, p->ray[OF_OPACITY]),
+                            .stride = p->drgb.on[0].stride,
+                            .ray_stride = p->colour.on[0].stride};
   for (size_t out = 0; out < DSAMPLE_SPANS; out++) found.dsample[out] = floats_of(k, p->dsample[out]);
   for (size_t r = 0; r < s->rays; r++) {
     bool close = false;

@@ -32,7 +32,7 @@ static void test_harmonics(void **state) {
 }
 
 /* Up to 11 terms of at most 5 products of sizes up to 30, rounded or fused, by value. */
-static const double fused_slopes = 30 * 16 * 0x1p-24;
+static const double fused_gradients = 30 * 16 * 0x1p-24;
 
 static void test_harmonics_bwd(void **state) {
   (void)state;
@@ -42,12 +42,12 @@ static void test_harmonics_bwd(void **state) {
     fill_random(d, 3 * n, s, 0.57f);
     fill_random(dy, 16 * n, s + 100, 1);
     const struct many_rows from = many_strided(d, 3, n, ERN_PER_SAMPLE),
-                           slope = many_strided(dy, 16, n, ERN_PER_SAMPLE),
+                           gradient = many_strided(dy, 16, n, ERN_PER_SAMPLE),
                            dd = many_strided(NULL, 3, n, ERN_PER_SAMPLE);
     struct ern_sh_bwd_args args[MACHINES];
-    EACH_MACHINE (k) args[k] = (struct ern_sh_bwd_args){dd.on[k], slope.on[k], from.on[k], n};
+    EACH_MACHINE (k) args[k] = (struct ern_sh_bwd_args){dd.on[k], gradient.on[k], from.on[k], n};
     RUN(sh_bwd, args);
-    EACH_OTHER (k) expect_near_on(k, "slopes of harmonics", of_rows(dd), 0, fused_slopes);
+    EACH_OTHER (k) expect_near_on(k, "gradients of harmonics", of_rows(dd), 0, fused_gradients);
     machines_clear();
   }
 }
@@ -70,14 +70,14 @@ static void check_freq(size_t dims, int octaves, size_t n) {
   fill_random(dy, rows * n, 4, 1);
   const struct many_rows from = many_strided(x, (int)dims, n, ERN_PER_SAMPLE),
                          y = many_strided(NULL, (int)rows, n, ERN_PER_SAMPLE),
-                         slope = many_strided(dy, (int)rows, n, ERN_PER_SAMPLE);
+                         gradient = many_strided(dy, (int)rows, n, ERN_PER_SAMPLE);
   for (size_t i = 0; i < dims * n; i++) x[i] = random_at(5, i, 1);
   const struct many_rows dx = many_strided(x, (int)dims, n, ERN_PER_SAMPLE);
   struct ern_freq_fwd_args forward[MACHINES];
   struct ern_freq_bwd_args backward[MACHINES];
   EACH_MACHINE (k) {
     forward[k] = (struct ern_freq_fwd_args){y.on[k], from.on[k], octaves, n};
-    backward[k] = (struct ern_freq_bwd_args){dx.on[k], slope.on[k], from.on[k], octaves, n};
+    backward[k] = (struct ern_freq_bwd_args){dx.on[k], gradient.on[k], from.on[k], octaves, n};
   }
   RUN(freq_fwd, forward);
   RUN(freq_bwd, backward);

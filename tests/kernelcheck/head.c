@@ -17,7 +17,7 @@ struct kinds {
 struct batch {
   struct ern_head_inputs in;
   ern_rows x;
-  struct ern_head_batch value, slope;
+  struct ern_head_batch value, gradient;
   ern_span dcode, dparameters;
 };
 
@@ -57,7 +57,7 @@ static void fill_rows(struct ern_stream *stream, ern_rows rows, uint64_t seed) {
   }
 }
 
-/* Density and regions forward; back from slopes of the density, of the attention's norm and of the eye's. */
+/* Density and regions forward; back from gradients of the density, of the attention's norm and of the eye's. */
 static void run(struct batch *b, struct ern_stream *stream, const struct ern_field *field, struct many parameters,
                 struct many code, struct many_rows x, struct many dparameters, struct many dcode, int k) {
   const struct ern_backend *backend = stream->backend;
@@ -68,21 +68,21 @@ static void run(struct batch *b, struct ern_stream *stream, const struct ern_fie
       .dparameters = dparameters.on[k]};
   const int parts = ERN_BATCH_DENSITY | ERN_BATCH_COLOUR;
   support_ok(machines.context, ern_head_batch_take(stream, field, N, parts, &b->value));
-  support_ok(machines.context, ern_head_batch_take(stream, field, N, parts, &b->slope));
+  support_ok(machines.context, ern_head_batch_take(stream, field, N, parts, &b->gradient));
   support_ok(machines.context, ern_head_density_fwd(stream, &b->in, b->x, &b->value));
-  support_ok(machines.context, backend->zero(stream, b->slope.f.span));
-  fill_rows(stream, b->slope.h, 60);
-  fill_rows(stream, b->slope.sigma, 80);
-  if (b->slope.norm.span.buffer != NULL) fill_rows(stream, b->slope.norm, 81);
-  if (b->slope.eye.span.buffer != NULL) fill_rows(stream, b->slope.eye, 82);
+  support_ok(machines.context, backend->zero(stream, b->gradient.f.span));
+  fill_rows(stream, b->gradient.h, 60);
+  fill_rows(stream, b->gradient.sigma, 80);
+  if (b->gradient.norm.span.buffer != NULL) fill_rows(stream, b->gradient.norm, 81);
+  if (b->gradient.eye.span.buffer != NULL) fill_rows(stream, b->gradient.eye, 82);
   support_ok(machines.context,
-             ern_head_density_bwd(stream, &b->in, b->x, &b->value, &b->slope, b->dparameters, b->dcode));
+             ern_head_density_bwd(stream, &b->in, b->x, &b->value, &b->gradient, b->dparameters, b->dcode));
   support_ok(machines.context, backend->synchronize(stream));
 }
 
 /* |found - reference|_2 / |reference|_2 of rows. Sums of up to 319 terms, in other orders, over up to 12 layers of sums
  * that keep their size: a few roundings of 2^-24 each. ReLU's kinks: a unit whose sum is next to 0 may be on for one
- * and off for the other, with a value that is next to 0, but with a slope that is not: see near_gradient. */
+ * and off for the other, with a value that is next to 0, but with a gradient that is not: see near_gradient. */
 static void near_rows(const char *what, const struct batch *batch, size_t member, double most) {
   const ern_rows *a = (const ern_rows *)((const char *)&batch[0].value + member);
   if (a->span.buffer == NULL) return;
@@ -106,8 +106,8 @@ static void near_rows(const char *what, const struct batch *batch, size_t member
   }
 }
 
-/* As above: of some 1e5 units that 50 samples have, one in 1e6 is within the rounding of its kink, and one unit's slope
- * is 1e-3 of the gradient's size at most. */
+/* As above: of some 1e5 units that 50 samples have, one in 1e6 is within the rounding of its kink, and one unit's
+ * gradient is 1e-3 of the gradient's size at most. */
 static void near_gradient(const char *what, struct many gradient) {
   EACH_OTHER (k) {
     const double distance = distance_of(k, gradient);

@@ -519,7 +519,7 @@ static void test_pose(void **state) {
         RUN_ON(k, pose_bwd, &args[k]);
       }
       EACH_OTHER (k)
-        for (size_t i = 0; i < ERN_POSE_SLOPES; i++)
+        for (size_t i = 0; i < ERN_POSE_PARAMETERS; i++)
           assert_true(fabs(args[k].dpose[i] - args[0].dpose[i]) <=
                       0x1p-23 * 4 * (double)n * ((double)n / (64 * 64) + 20));
       assert_true(args[0].dpose[0] != 0);

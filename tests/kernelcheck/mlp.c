@@ -353,25 +353,25 @@ static void bound_fwd(struct bound *bound, const struct scene *scene) {
   }
 }
 
-/* A unit whose error reaches across 0 may be on in one kernel and off in the other, and then its whole slope is error
- * in all that it is added to. So samples that have such a unit get no slope; most must be left. Sums of zeros are
- * exact. */
+/* A unit whose error reaches across 0 may be on in one kernel and off in the other, and then its whole gradient is
+ * error in all that it is added to. So samples that have such a unit get no gradient; most must be left. Sums of zeros
+ * are exact. */
 static void leave_kinks(const struct scene *scene, const struct bound *bound) {
   const struct many dy = of_rows(scene->dy);
   const size_t n = scene->n, stride = scene->dy.on[0].stride, count = dy.on[0].count;
-  float *slopes = floats(count);
+  float *gradients = floats(count);
   size_t left = n;
-  memcpy(slopes, floats_of(0, dy), count * sizeof *slopes);
+  memcpy(gradients, floats_of(0, dy), count * sizeof *gradients);
   for (size_t i = 0; i < n; i++) {
     bool kink = false;
     for (int l = 1; l < scene->mlp.layers; l++)
       for (size_t j = 0; j < (size_t)scene->mlp.width[l]; j++)
         kink = kink || (bound->e[l][j * n + i] > 0 && fabs(bound->h[l][j * n + i]) <= bound->e[l][j * n + i]);
-    for (size_t j = 0; kink && j < (size_t)scene->mlp.width[scene->mlp.layers]; j++) slopes[j * stride + i] = 0;
+    for (size_t j = 0; kink && j < (size_t)scene->mlp.width[scene->mlp.layers]; j++) gradients[j * stride + i] = 0;
     left -= kink;
   }
   if (n >= 16 && 2 * left < n) fail_msg("%s: of %zu samples %zu are left", shapes[scene->shape].name, n, left);
-  many_set(dy, 0, slopes, count);
+  many_set(dy, 0, gradients, count);
 }
 
 static void bound_bwd(struct bound *bound, const struct scene *scene) {
@@ -380,8 +380,8 @@ static void bound_bwd(struct bound *bound, const struct scene *scene) {
   const size_t n = scene->n, last = (size_t)mlp->width[mlp->layers];
   bound->dw = doubles(scene->count);
   bound->dw_error = doubles(scene->count);
-  double *slope = doubles(last * n), *error = doubles(last * n);
-  for (size_t i = 0; i < last * n; i++) slope[i] = (double)dy[i / n * scene->dy.on[0].stride + i % n];
+  double *gradient = doubles(last * n), *error = doubles(last * n);
+  for (size_t i = 0; i < last * n; i++) gradient[i] = (double)dy[i / n * scene->dy.on[0].stride + i % n];
   for (int l = mlp->layers - 1; l >= 0; l--) {
     const size_t ins = (size_t)mlp->width[l], outs = (size_t)mlp->width[l + 1];
     double *next = doubles(ins * n), *next_error = doubles(ins * n), *next_absolute = doubles(ins * n);
@@ -391,7 +391,7 @@ static void bound_bwd(struct bound *bound, const struct scene *scene) {
         const double w = (double)parameters[at];
         double sum = 0, absolute = 0, carried = 0;
         for (size_t i = 0; i < n; i++) {
-          const double h = value_at(bound, l, c * n + i), s = slope[j * n + i];
+          const double h = value_at(bound, l, c * n + i), s = gradient[j * n + i];
           sum += s * h;
           absolute += fabs(s * h);
           carried += square(s * error_at(bound, l, c * n + i)) + square(error[j * n + i] * h);
@@ -407,10 +407,10 @@ static void bound_bwd(struct bound *bound, const struct scene *scene) {
       next_error[i] = sqrt(next_error[i]) + rounding(outs, next_absolute[i]) + tiny;
       if (l > 0 && bound->h[l][i] <= 0) next[i] = next_error[i] = 0;
     }
-    slope = next;
+    gradient = next;
     error = next_error;
   }
-  bound->dx = slope;
+  bound->dx = gradient;
   bound->dx_error = error;
 }
 
@@ -552,7 +552,7 @@ static void test_not_finite(void **state) {
     run_fwd(&scene);
     same_outputs(&scene, output_apart);
     run_bwd(&scene, 15);
-    /* sums over 129 samples of slopes and values of a few units */
+    /* sums over 129 samples of gradients and values of a few units */
     same_gradients(&scene, 129 * output_apart);
     EACH_MACHINE (k) {
       const float *y = floats_of(k, of_rows(scene.y)), *dw = floats_of(k, scene.dparameters);

@@ -187,7 +187,7 @@ static void stage_make(struct stage *stage, const struct scene *scene) {
 /* What a step leaves behind. */
 struct result {
   const float *gradient; /* until machines_clear */
-  double terms[ERN_LOSS_TERMS], squared_error, dpose[ERN_POSE_SLOPES];
+  double terms[ERN_LOSS_TERMS], squared_error, dpose[ERN_POSE_PARAMETERS];
   size_t samples;
   size_t evaluated, counted; /* whose density was computed; those before the light is spent. Fused passes tell */
 };
@@ -196,7 +196,7 @@ struct result {
 static struct result step(struct stage *stage, int k) {
   struct ern_profile profile = {.timed = true};
   struct ern_head_step_args *args = &stage->args[k];
-  double dpose[ERN_POSE_SLOPES];
+  double dpose[ERN_POSE_PARAMETERS];
   args->profile = &profile;
   args->dpose = dpose;
   support_ok(machines.context, machines.backend[k]->zero(machines.stream[k], stage->gradient.on[k]));
@@ -248,7 +248,7 @@ static bool meets_kink(struct stage *stage, const struct ern_parameter *row, dou
 
 static double pose_distance(const struct result *a, const struct result *b) {
   double sum = 0;
-  for (size_t i = 0; i < ERN_POSE_SLOPES; i++) sum += pow(a->dpose[i] - b->dpose[i], 2);
+  for (size_t i = 0; i < ERN_POSE_PARAMETERS; i++) sum += pow(a->dpose[i] - b->dpose[i], 2);
   return sqrt(sum);
 }
 

@@ -12,19 +12,19 @@ static void make(struct ern_grid *grid, int dims, int levels, int features, int 
   assert_int_equal(ern_grid_build(grid, &shape), ERN_OK);
 }
 
-/* A grid at n points: values, gradients of table and points, for df = `slope`. */
+/* A grid at n points: values, gradients of table and points, for df = `gradient`. */
 struct look {
   const struct ern_grid *grid;
   struct many f, dtable, dx[ERN_GRID_MAX_DIMS];
 };
 static struct look look;
 
-static void look_up(const struct ern_grid *grid, const float *table, const float *x, size_t n, float slope) {
+static void look_up(const struct ern_grid *grid, const float *table, const float *x, size_t n, float gradient) {
   machines_clear();
   const size_t rows = (size_t)(grid->levels * grid->features), values = (size_t)grid->entries * (size_t)grid->features;
   float *ones = malloc((rows * n + 1) * sizeof *ones);
   assert_non_null(ones);
-  for (size_t i = 0; i < rows * n; i++) ones[i] = slope;
+  for (size_t i = 0; i < rows * n; i++) ones[i] = gradient;
   const struct many held = many_reals(table, values), df = many_reals(ones, rows * n);
   struct many at[ERN_GRID_MAX_DIMS] = {0};
   look = (struct look){.grid = grid, .f = many_empty(rows * n), .dtable = many_zeros(values)};
@@ -146,7 +146,7 @@ static void test_coordinate_minus_zero(void **state) {
 }
 
 /* p = u scale + 1/2 has 2^-23 scale of error: at 2^20, the finest that can be built, an eighth of a cell. A value stays
- * between those of the corners, as float and double are at most that far apart on a surface of slope 2 a cell. */
+ * between those of the corners, as float and double are at most that far apart on a surface of gradient 2 a cell. */
 static void test_level_positions_lose_the_cell(void **state) {
   (void)state;
   struct ern_grid fine;
@@ -166,7 +166,7 @@ static void test_level_positions_lose_the_cell(void **state) {
   free(table);
 }
 
-/* On a border t is 0 or rounds to 1: the value is the corner's, the slope finite. */
+/* On a border t is 0 or rounds to 1: the value is the corner's, the gradient finite. */
 static void check_borders(const struct ern_grid *grid) {
   enum { N = 257 };
   static float x[3 * N];

@@ -62,8 +62,8 @@ static void test_saturated_colour(void **state) {
   expect_truth("colour", a.y, 4 * ulp, ulp);
   expect_at("colour of 200", a.y, 1, 1.001, ulp);
   expect_at("colour of -200", a.y, 0, -0.001, ulp);
-  expect_within("slope", a.dx, 0, 0.2505 + ulp);
-  expect_truth("slope", a.dx, 8 * ulp, (double)FLT_MIN);
+  expect_within("gradient", a.dx, 0, 0.2505 + ulp);
+  expect_truth("gradient", a.dx, 8 * ulp, (double)FLT_MIN);
 }
 
 /* s (1 - s) is 0 from 17 on, where s rounds to 1; e/(1 + e)^2 is not, down to the denormal numbers. */
@@ -73,9 +73,9 @@ static void test_saturated_sigmoid(void **state) {
   expect_within("sigmoid", a.y, 0, 1);
   expect_truth("sigmoid", a.y, 4 * ulp, (double)FLT_MIN);
   expect_at("sigmoid of 200", a.y, 1, 1, 0x1p-24);
-  expect_truth("slope", a.dx, 8 * ulp, (double)FLT_MIN);
-  expect_at("slope at 17", a.dx, 16, exp(-17), 8 * ulp * exp(-17));
-  expect_within("slope", a.dx, 0, 0.25);
+  expect_truth("gradient", a.dx, 8 * ulp, (double)FLT_MIN);
+  expect_at("gradient at 17", a.dx, 16, exp(-17), 8 * ulp * exp(-17));
+  expect_within("gradient", a.dx, 0, 0.25);
 }
 
 /* log(1 + exp(x)) is infinite from 88.8 on and 0 below -17: ours is x there, and exp(x). */
@@ -86,8 +86,8 @@ static void test_softplus_without_overflow(void **state) {
   expect_truth("softplus", a.y, 4 * ulp, (double)FLT_MIN);
   expect_at("softplus of 200", a.y, 1, 200, 0);
   expect_at("softplus of -80", a.y, 7, exp(-80), 80 * ulp * exp(-80));
-  expect_within("slope", a.dx, 0, 1);
-  expect_truth("slope", a.dx, 4 * ulp, (double)FLT_MIN);
+  expect_within("gradient", a.dx, 0, 1);
+  expect_truth("gradient", a.dx, 4 * ulp, (double)FLT_MIN);
   const float far[1] = {INFINITY};
   expect_at("softplus of infinity", activate(ERN_ACT_SOFTPLUS, far, 1, 1).y, 0, INFINITY, 0);
 }
@@ -99,7 +99,7 @@ static void test_relu_at_zero(void **state) {
   for (size_t i = 0; i < COUNT_OF(x); i++) {
     if (x[i] == FLT_TRUE_MIN) continue; /* a device may take it for 0 */
     expect_at("relu", a.y, i, x[i] > 0 ? (double)x[i] : 0, (double)FLT_MIN);
-    expect_at("slope", a.dx, i, x[i] > 0 ? 3 : 0, 0);
+    expect_at("gradient", a.dx, i, x[i] > 0 ? 3 : 0, 0);
   }
 }
 
@@ -113,7 +113,7 @@ static void test_activation_of_a_nan(void **state) {
       const struct activation a = activate((ern_activation)kind, x, 33, 1);
       expect_at("NaN", a.y, bad, (double)NAN, 0);
       expect_truth("its neighbours", a.y, 8 * ulp, ulp);
-      expect_truth("their slopes", a.dx, 8 * ulp, ulp);
+      expect_truth("their gradients", a.dx, 8 * ulp, ulp);
     }
   }
 }
@@ -126,7 +126,7 @@ static void test_activation_of_odd_counts(void **state) {
     for (size_t i = 0; i < MOST; i++) x[i] = ends[i % ENDS];
     const struct activation a = activate(ERN_ACT_SIGMOID, x, counts[c], 1);
     expect_within("sigmoid", a.y, 0, 1); /* and nothing behind it is written, which the guards see */
-    expect_truth("slope", a.dx, 8 * ulp, (double)FLT_MIN);
+    expect_truth("gradient", a.dx, 8 * ulp, (double)FLT_MIN);
   }
 }
 
@@ -160,10 +160,10 @@ static struct layers layers(const float *weights, const float *x, const float *d
 }
 
 static float weights[WEIGHTS], inputs[INS * 1024], upstream[OUTS * 1024];
-static void fill(float weight, float input, float slope) {
+static void fill(float weight, float input, float gradient) {
   for (size_t i = 0; i < WEIGHTS; i++) weights[i] = machines_random(1, i, weight);
   for (size_t i = 0; i < COUNT_OF(inputs); i++) inputs[i] = machines_random(2, i, input);
-  for (size_t i = 0; i < COUNT_OF(upstream); i++) upstream[i] = machines_random(3, i, slope);
+  for (size_t i = 0; i < COUNT_OF(upstream); i++) upstream[i] = machines_random(3, i, gradient);
 }
 
 /* Sums of 8 and 16 products, and of 33 samples; the gradient of a weight is relative to its largest terms. */

@@ -168,7 +168,7 @@ static void test_uncertainty_of_zero_and_1e30(void **state) {
   expect_truth("duncertainty", batch.duncertainty, 0, 16 * 0x1p-23 / 90);
 }
 
-/* sqrt(0) has no slope; the error itself has no gradient, the squares have one. */
+/* sqrt(0) has no gradient; the error itself has no gradient, the squares have one. */
 static void test_error_of_zero(void **state) {
   (void)state;
   usual(33);
@@ -194,13 +194,13 @@ static void test_attention_of_zero_and_1e18(void **state) {
 /* ---- sums over many rays ---- */
 
 static double mse_terms[MACHINES];
-static struct many mse_slope;
+static struct many mse_gradient;
 static void mse_of(const float *pixel, const float *truth, size_t n) {
   machines_clear();
   const struct many p = many_reals(pixel, 3 * n), t = many_reals(truth, 3 * n);
-  mse_slope = many_empty(3 * n);
+  mse_gradient = many_empty(3 * n);
   for (int k = 0; k < machines.count; k++) {
-    struct ern_mse_args args = {.dpixel = {mse_slope.on[k], n, 3, ERN_PER_RAY},
+    struct ern_mse_args args = {.dpixel = {mse_gradient.on[k], n, 3, ERN_PER_RAY},
                                 .pixel = {p.on[k], n, 3, ERN_PER_RAY},
                                 .truth = {t.on[k], n, 3, ERN_PER_RAY},
                                 .n = n};
@@ -243,7 +243,7 @@ static void test_squares_that_leave_float(void **state) {
     for (size_t i = 0; i < 150; i++) pixel[i] = sizes[s];
     mse_of(pixel, truth, 50);
     expect_mse((double)sizes[s] * (double)sizes[s], 64 * 0x1p-23);
-    expect_truth("dpixel", mse_slope, 4 * 0x1p-23, (double)FLT_MIN);
+    expect_truth("dpixel", mse_gradient, 4 * 0x1p-23, (double)FLT_MIN);
   }
   mse_of(pixel, truth, 0);
   for (int k = 0; k < machines.count; k++) assert_true(mse_terms[k] == 0);
@@ -257,18 +257,18 @@ static void test_smoothness_of_hardly_and_far_moved(void **state) {
     for (size_t i = 0; i < 77; i++)
       still[i] = (float)(i % 7) / 7, moved[i] = far ? 1e30f * (float)(i % 3) : nextafterf(still[i], 2);
     machines_clear();
-    const struct many from = many_reals(still, 77), to = many_reals(moved, 77), slope = many_empty(77);
+    const struct many from = many_reals(still, 77), to = many_reals(moved, 77), gradient = many_empty(77);
     double term[MACHINES] = {0};
     for (int k = 0; k < machines.count; k++) {
       struct ern_smooth_loss_args args = {
-          .dmoved = slope.on[k], .still = from.on[k], .moved = to.on[k], .weight = 1e-5f, .batch = 77, .n = 77};
+          .dmoved = gradient.on[k], .still = from.on[k], .moved = to.on[k], .weight = 1e-5f, .batch = 77, .n = 77};
       support_ok(machines.context, machines.backend[k]->smooth_loss(machines.stream[k], &args));
       support_ok(machines.context, machines.backend[k]->synchronize(machines.stream[k]));
       term[k] = args.term;
       assert_true(isfinite(term[k]) && fabs(term[k] / term[0] - 1) < 64 * 0x1p-23);
     }
-    expect_truth("dmoved", slope, 8 * 0x1p-23, (double)FLT_MIN);
-    expect_within("dmoved", slope, -1e-5, 1e25);
+    expect_truth("dmoved", gradient, 8 * 0x1p-23, (double)FLT_MIN);
+    expect_within("dmoved", gradient, -1e-5, 1e25);
   }
 }
 

@@ -9,17 +9,18 @@
 
 enum { SAMPLES = 200 };
 
-/* dpose of every machine, of samples whose gradients are `slope`, but that of sample `odd` along y, which is `other`.
+/* dpose of every machine, of samples whose gradients are `gradient`, but that of sample `odd` along y, which is
+ * `other`.
  */
-static void add_up(double dpose[MACHINES][ERN_POSE_SLOPES], size_t n, float slope, size_t odd, float other) {
+static void add_up(double dpose[MACHINES][ERN_POSE_PARAMETERS], size_t n, float gradient, size_t odd, float other) {
   static float x[3 * SAMPLES], dx[3 * SAMPLES];
-  for (size_t i = 0; i < 3 * SAMPLES; i++) x[i] = machines_random(1, i, 1), dx[i] = slope;
+  for (size_t i = 0; i < 3 * SAMPLES; i++) x[i] = machines_random(1, i, 1), dx[i] = gradient;
   if (odd < SAMPLES) dx[SAMPLES + odd] = other;
   machines_clear();
-  const struct many at = many_reals(x, 3 * SAMPLES), slopes = many_reals(dx, 3 * SAMPLES);
+  const struct many at = many_reals(x, 3 * SAMPLES), gradients = many_reals(dx, 3 * SAMPLES);
   for (int k = 0; k < machines.count; k++) {
     struct ern_pose_bwd_args args = {.dpose = {9, 9, 9, 9, 9, 9},
-                                     .dx = {slopes.on[k], SAMPLES, 3, ERN_PER_SAMPLE},
+                                     .dx = {gradients.on[k], SAMPLES, 3, ERN_PER_SAMPLE},
                                      .x = {at.on[k], SAMPLES, 3, ERN_PER_SAMPLE},
                                      .n = n};
     support_ok(machines.context, machines.backend[k]->pose_bwd(machines.stream[k], &args));
@@ -30,29 +31,29 @@ static void add_up(double dpose[MACHINES][ERN_POSE_SLOPES], size_t n, float slop
 
 static void test_pose_without_a_sample(void **state) {
   (void)state;
-  double dpose[MACHINES][ERN_POSE_SLOPES];
+  double dpose[MACHINES][ERN_POSE_PARAMETERS];
   add_up(dpose, 0, 1, SAMPLES, 0);
   for (int k = 0; k < machines.count; k++)
-    for (int i = 0; i < ERN_POSE_SLOPES; i++) assert_true(dpose[k][i] == 0);
+    for (int i = 0; i < ERN_POSE_PARAMETERS; i++) assert_true(dpose[k][i] == 0);
 }
 
 /* Sums of 200 in floats: 2^-23 of the sizes' sum for each of 4 + 16 additions and 2 products. */
-static void test_pose_of_huge_and_denormal_slopes(void **state) {
+static void test_pose_of_huge_and_denormal_gradients(void **state) {
   (void)state;
   static const float sizes[] = {1e35f, 1e30f, 1, 1e-30f, 1e-42f};
-  double dpose[MACHINES][ERN_POSE_SLOPES];
+  double dpose[MACHINES][ERN_POSE_PARAMETERS];
   for (size_t s = 0; s < sizeof sizes / sizeof *sizes; s++) {
     add_up(dpose, SAMPLES, sizes[s], SAMPLES, 0);
     for (int k = 0; k < machines.count; k++)
-      for (int i = 0; i < ERN_POSE_SLOPES; i++)
+      for (int i = 0; i < ERN_POSE_PARAMETERS; i++)
         assert_true(fabs(dpose[k][i] - dpose[0][i]) <=
                     22 * 0x1p-23 * 2 * SAMPLES * (double)sizes[s] + 2 * SAMPLES * (double)FLT_MIN);
   }
 }
 
-static void test_pose_with_a_nan_slope(void **state) {
+static void test_pose_with_a_nan_gradient(void **state) {
   (void)state;
-  double dpose[MACHINES][ERN_POSE_SLOPES];
+  double dpose[MACHINES][ERN_POSE_PARAMETERS];
   add_up(dpose, SAMPLES, 1, 77, NAN);
   for (int k = 0; k < machines.count; k++) {
     assert_true(isnan(dpose[k][0]) && isnan(dpose[k][2]) && isnan(dpose[k][4])); /* y dz - z dy; x dy - y dx; dy */
@@ -80,13 +81,13 @@ static void test_row_of_huge_and_tiny_gradients(void **state) {
   ern_trainer *trainer = refining(&m);
   trainer->step = 1; /* the first that moves a row, and moves it furthest */
   for (size_t s = 0; s < sizeof sizes / sizeof *sizes; s++) {
-    float before[ERN_POSE_SLOPES];
-    const float *row = trainer->poses->row + 2 * ERN_POSE_SLOPES;
-    const double dpose[ERN_POSE_SLOPES] = {sizes[s], 0, sizes[s], sizes[s], -sizes[s], 0};
+    float before[ERN_POSE_PARAMETERS];
+    const float *row = trainer->poses->row + 2 * ERN_POSE_PARAMETERS;
+    const double dpose[ERN_POSE_PARAMETERS] = {sizes[s], 0, sizes[s], sizes[s], -sizes[s], 0};
     memcpy(before, row, sizeof before);
-    memset(trainer->poses->bend, 0, ERN_POSE_SLOPES * FRAMES * sizeof(float)); /* the path does not bend */
+    memset(trainer->poses->bend, 0, ERN_POSE_PARAMETERS * FRAMES * sizeof(float)); /* the path does not bend */
     ern_trainer_poses_step(trainer, 2, dpose);
-    for (int i = 0; i < ERN_POSE_SLOPES; i++) {
+    for (int i = 0; i < ERN_POSE_PARAMETERS; i++) {
       assert_true(isfinite(row[i]));
       assert_true(fabs((double)row[i] - (double)before[i]) <=
                   (i < 3 ? 0.003143 : 0.003601) + 0.1 * fabs((double)before[i]));
@@ -108,7 +109,7 @@ static void test_gradient_of_a_pose_that_is_no_number(void **state) {
   (void)state;
   struct made m;
   ern_train_report report;
-  float before[ERN_POSE_SLOPES * FRAMES];
+  float before[ERN_POSE_PARAMETERS * FRAMES];
   made_open(&m);
   ern_trainer *trainer = refining(&m);
   for (int step = 0; step < 3; step++) support_ok(m.context, ern_trainer_step(trainer, &report));
@@ -149,8 +150,8 @@ static void test_regression_of_extreme_poses(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_pose_without_a_sample),       cmocka_unit_test(test_pose_of_huge_and_denormal_slopes),
-      cmocka_unit_test(test_pose_with_a_nan_slope),       cmocka_unit_test(test_row_of_huge_and_tiny_gradients),
+      cmocka_unit_test(test_pose_without_a_sample),       cmocka_unit_test(test_pose_of_huge_and_denormal_gradients),
+      cmocka_unit_test(test_pose_with_a_nan_gradient),    cmocka_unit_test(test_row_of_huge_and_tiny_gradients),
       cmocka_unit_test(test_regression_of_extreme_poses), cmocka_unit_test(test_gradient_of_a_pose_that_is_no_number),
   };
   return cmocka_run_group_tests(tests, open_machines, close_machines);

@@ -33,12 +33,12 @@ static int close_speech(void **state) {
 struct heard {
   struct many code, frame, dparameters;
 };
-static struct heard hear(const float *windows, float slope) {
-  float slopes[CODE];
-  for (size_t i = 0; i < CODE; i++) slopes[i] = i % 2 == 0 ? slope : -slope;
+static struct heard hear(const float *windows, float gradient) {
+  float gradients[CODE];
+  for (size_t i = 0; i < CODE; i++) gradients[i] = i % 2 == 0 ? gradient : -gradient;
   machines_clear();
   const struct many in = many_reals(windows, WINDOWS), parameters = many_reals(block, field.parameters);
-  const struct many dcode = many_reals(slopes, CODE), codes = many_zeros(8 * CODE);
+  const struct many dcode = many_reals(gradients, CODE), codes = many_zeros(8 * CODE);
   const struct heard out = {many_empty(CODE), many_empty(CODE), many_zeros(field.parameters)};
   struct ern_audio_fwd_args forward[MACHINES];
   for (int k = 0; k < machines.count; k++)
@@ -143,13 +143,13 @@ enum { N = 37 };
 struct attended {
   struct many region, norm, dv, dcode;
 };
-static struct attended attend(const float *v, float code, float slope) {
-  float codes[CODE], slopes[CODE * N];
+static struct attended attend(const float *v, float code, float gradient) {
+  float codes[CODE], gradients[CODE * N];
   for (size_t i = 0; i < CODE; i++) codes[i] = code;
-  for (size_t i = 0; i < CODE * N; i++) slopes[i] = slope;
+  for (size_t i = 0; i < CODE * N; i++) gradients[i] = gradient;
   machines_clear();
   const struct many in = many_reals(v, CODE * N), code_of = many_reals(codes, CODE);
-  const struct many by_region = many_reals(slopes, CODE * N), by_norm = many_reals(slopes, N);
+  const struct many by_region = many_reals(gradients, CODE * N), by_norm = many_reals(gradients, N);
   const struct attended out = {many_empty(CODE * N), many_empty(N), many_empty(CODE * N), many_zeros(CODE)};
   struct ern_attention_fwd_args forward[MACHINES];
   for (int k = 0; k < machines.count; k++)

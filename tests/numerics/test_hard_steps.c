@@ -151,7 +151,7 @@ static void test_step_of_the_usual(void **state) {
 }
 
 /* Opaque at once: what is behind, and the density itself, get no gradient at all. Nothing there: a gradient, as the
- * slope of the density's exponent is clamped. */
+ * gradient of the density's exponent is clamped. */
 static void test_step_exponents_of_200(void **state) {
   (void)state;
   static const float times[] = {1e3f, 1e6f, 1e20f};

@@ -10,10 +10,10 @@ static const float usual_anchors[12] = {0.01f, 0.01f, 0.1f, 1, -0.1f, -0.1f, 0.1
 struct points {
   struct many k, danchors, dgamma;
 };
-static struct points project(const float *anchors, const float *pose, float slope) {
+static struct points project(const float *anchors, const float *pose, float gradient) {
   machines_clear();
-  const float one = 1, slopes[6] = {slope, -slope, slope, slope, slope, slope};
-  const struct many at = many_reals(anchors, 12), gamma = many_reals(&one, 1), dk = many_reals(slopes, 6);
+  const float one = 1, gradients[6] = {gradient, -gradient, gradient, gradient, gradient, gradient};
+  const struct many at = many_reals(anchors, 12), gamma = many_reals(&one, 1), dk = many_reals(gradients, 6);
   const struct points out = {many_empty(6), many_zeros(12), many_zeros(1)};
   struct ern_torso_pose_fwd_args forward[MACHINES];
   for (int k = 0; k < machines.count; k++) {
@@ -27,10 +27,10 @@ static struct points project(const float *anchors, const float *pose, float slop
 }
 
 /* k is 1e6 at most, its gradients that over the nearest distance, 1e-3, for each of two coordinates. */
-static void expect_bounded(const struct points *p, double slope) {
+static void expect_bounded(const struct points *p, double gradient) {
   expect_within("k", p->k, -1e6, 1e6);
-  expect_within("danchors", p->danchors, -2.1e9 * slope, 2.1e9 * slope);
-  expect_within("dgamma", p->dgamma, -6.1e6 * slope, 6.1e6 * slope);
+  expect_within("danchors", p->danchors, -2.1e9 * gradient, 2.1e9 * gradient);
+  expect_within("dgamma", p->dgamma, -6.1e6 * gradient, 6.1e6 * gradient);
 }
 
 /* The camera stands in the plane of a key point, exactly and by a hair on either side. */
@@ -154,10 +154,10 @@ static void test_deformation_without_end(void **state) {
   (void)state;
   static const float d[] = {0, 1e30f, -1e30f, INFINITY, -INFINITY, FLT_TRUE_MIN, 0.2f, -1.8f, NAN, 5, 0.1f};
   enum { N = 2 * 11 };
-  float q[N], by[N], slope[N];
-  for (size_t i = 0; i < N; i++) q[i] = 0.8f, by[i] = d[i % 11], slope[i] = 3;
+  float q[N], by[N], gradient[N];
+  for (size_t i = 0; i < N; i++) q[i] = 0.8f, by[i] = d[i % 11], gradient[i] = 3;
   machines_clear();
-  const struct many from = many_reals(q, N), move = many_reals(by, N), dx = many_reals(slope, N);
+  const struct many from = many_reals(q, N), move = many_reals(by, N), dx = many_reals(gradient, N);
   const struct many x = many_empty(N), dd = many_empty(N);
   struct ern_torso_deform_fwd_args forward[MACHINES];
   for (int k = 0; k < machines.count; k++)
@@ -180,15 +180,15 @@ static void test_torso_alpha_at_its_ends(void **state) {
   (void)state;
   static const float alpha[] = {-0.001f, 0, 1, 1.001f, FLT_TRUE_MIN, 0.5f, NAN};
   enum { N = 7, RAYS = 9 };
-  float layer[4 * N], background[3 * RAYS], slope[3 * RAYS];
+  float layer[4 * N], background[3 * RAYS], gradient[3 * RAYS];
   int32_t index[N];
   for (size_t i = 0; i < N; i++) layer[i] = alpha[i], layer[N + i] = 1, layer[2 * N + i] = 0, layer[3 * N + i] = 1.001f;
   for (size_t i = 0; i < N; i++) index[i] = (int32_t)(8 - i);
-  for (size_t i = 0; i < COUNT_OF(background); i++) background[i] = 0.5f, slope[i] = 1;
+  for (size_t i = 0; i < COUNT_OF(background); i++) background[i] = 0.5f, gradient[i] = 1;
   machines_clear();
   const struct many layers = many_reals(layer, 4 * N), at = many_int32s(index, N),
                     back = many_reals(background, 3 * RAYS);
-  const struct many dpixel = many_reals(slope, 3 * RAYS), dlayer = many_empty(4 * N), pixel = many_empty(3 * RAYS),
+  const struct many dpixel = many_reals(gradient, 3 * RAYS), dlayer = many_empty(4 * N), pixel = many_empty(3 * RAYS),
                     opacity = many_empty(RAYS);
   struct ern_torso_composite_fwd_args forward[MACHINES];
   for (int k = 0; k < machines.count; k++)

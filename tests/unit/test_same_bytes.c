@@ -250,7 +250,7 @@ static void test_poses_long(void **state) {
 static void test_pose_mean(void **state) {
   (void)state;
   enum { MANY = 64 };
-  const double none[ERN_POSE_SLOPES] = {0};
+  const double none[ERN_POSE_PARAMETERS] = {0};
   ern_dataset many = data.data;
   ern_train_config config = small_config(20, NULL);
   ern_trainer *trainer = NULL;

@@ -93,8 +93,8 @@ static ern_status take_marched(struct ern_train_step *s) {
   return ERN_OK;
 }
 
-static ern_status take_slopes(struct ern_train_step *s, size_t stride) {
-  return ern_train_workspace_take((struct ern_cpu_stream *)s->stream, ERN_TRAIN_SLOPES, s->net.features * stride,
+static ern_status take_gradients(struct ern_train_step *s, size_t stride) {
+  return ern_train_workspace_take((struct ern_cpu_stream *)s->stream, ERN_TRAIN_DFEATURES, s->net.features * stride,
                                   &s->df);
 }
 
@@ -206,7 +206,7 @@ struct pose {
   const struct ern_train_step *step;
   const struct ern_head_step_args *args;
   ern_rows dx, d, dd, weight; /* [3], [1] per live sample */
-  double part[ERN_SHARDS][ERN_POSE_SLOPES];
+  double part[ERN_SHARDS][ERN_POSE_PARAMETERS];
 };
 
 /* Gradients of a shard's samples: through the tables to positions, through the harmonics to directions, and from both
@@ -252,7 +252,7 @@ static ern_status add_pose(const struct ern_head_step_args *a, const struct ern_
     ERN_TRY(ern_scratch_take_rows(s->stream, 3, s->count, &pose.dd));
   }
   ern_pool_run(pool_of(s->stream), ERN_SHARDS, pose_task, &pose);
-  for (size_t i = 0; i < ERN_POSE_SLOPES; i++) {
+  for (size_t i = 0; i < ERN_POSE_PARAMETERS; i++) {
     a->dpose[i] = 0;
     for (size_t k = 0; k < ERN_SHARDS; k++) a->dpose[i] += pose.part[k][i];
   }
@@ -306,7 +306,7 @@ static void add_tables(const struct tables *t) {
 /* The backward pass without the tables' gradients, which the caller adds. */
 static ern_status backward(const struct ern_head_step_args *a, struct ern_train_step *s, struct tables *tables) {
   ern_span dsh;
-  ern_status status = take_slopes(s, s->live_stride);
+  ern_status status = take_gradients(s, s->live_stride);
   if (status == ERN_OK && a->dpose != NULL && s->net.harmonics > 0) {
     status = ern_scratch_take(s->stream, ERN_ELEMENT_REAL, ERN_SH_ROWS * s->live_stride, &dsh);
     if (status == ERN_OK) s->dsh = reals(dsh);
@@ -379,7 +379,7 @@ static ern_status smoothness(struct ern_head_step_args *a, struct ern_train_step
   add_tables(tables);
   ERN_TRY(ern_scratch_take_rows(s->stream, 3, n, &smooth.x));
   ERN_TRY(move_points(a, s, smooth.x));
-  ERN_TRY(take_slopes(s, s->stride));
+  ERN_TRY(take_gradients(s, s->stride));
   ern_pool_run(pool_of(s->stream), ERN_SHARDS, smooth_task, &smooth);
   double term = 0;
   for (size_t q = 0; q < 3; q++) {

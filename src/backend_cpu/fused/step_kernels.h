@@ -7,7 +7,7 @@
 #include "backend_cpu/fused/step_net.h"
 #include "mlp/mlp_tile.h"
 
-/* A thread's work memory: a tile's values and gradients ("slopes"), a row a sample. */
+/* A thread's work memory: a tile's values and gradients, a row a sample. */
 enum { ERN_TRAIN_TILES = 4 /* encoded together */ };
 enum { ERN_TRAIN_HIDDEN = ERN_NET_ATTENTION + ERN_NET_EYE + ERN_NET_UNCERTAINTY };
 struct ern_train_tile {
@@ -26,7 +26,7 @@ struct ern_train_tile {
   /* by channel: (c, s) at c*ERN_MLP_TILE + s */
   float norm[ERN_MLP_TILE], log_sigma[ERN_MLP_TILE], eye_raw[ERN_MLP_TILE], eye[ERN_MLP_TILE], unc_raw[ERN_MLP_TILE];
   float rgb_raw[3 * ERN_MLP_TILE];
-  float slope[6 * ERN_MLP_TILE];            /* of rgb_raw, log_sigma, eye_raw, unc_raw */
+  float gradient[6 * ERN_MLP_TILE];         /* of rgb_raw, log_sigma, eye_raw, unc_raw */
   float factors[2][ERN_MLP_TILE * 128 / 2]; /* factors of a product, in pairs of bf16 */
   double encoding;                          /* seconds spent encoding, accumulated */
 };

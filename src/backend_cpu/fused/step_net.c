@@ -39,7 +39,7 @@ bool ern_train_net_plan(struct ern_train_net *net, const struct ern_field *field
   net->eye_at = ERN_NET_ATTENTION;
   net->scene_hidden = net->unc_at = net->eye_at + (net->eye ? ERN_NET_EYE : 0);
   net->hidden = net->unc_at + ERN_NET_UNCERTAINTY;
-  net->slope_row = ern_net_aligned(net->features + (net->eye ? 1 : 0));
+  net->gradient_row = ern_net_aligned(net->features + (net->eye ? 1 : 0));
 
   net->harmonics = (size_t)ern_field_view_rows(field);
   net->colour_ins = ERN_NET_DENSITY + net->harmonics + 1;
@@ -56,10 +56,10 @@ bool ern_train_net_plan(struct ern_train_net *net, const struct ern_field *field
   net->forward = net->count;
   net->colour_back = part(count, ERN_NET_COLOUR + 1, ERN_NET_DENSITY);
   net->density1_back = part(count, ERN_NET_DENSITY, ERN_NET_DENSITY);
-  net->features_back = part(count, ERN_NET_DENSITY, net->slope_row);
+  net->features_back = part(count, ERN_NET_DENSITY, net->gradient_row);
   net->v_back = part(count, ERN_NET_DENSITY, ERN_AUDIO_CODE);
   net->attention_back = part(count, ERN_AUDIO_CODE, ERN_NET_ATTENTION);
-  net->hidden_back = part(count, net->scene_hidden, net->slope_row);
+  net->hidden_back = part(count, net->scene_hidden, net->gradient_row);
   return true;
 }
 
@@ -115,11 +115,11 @@ static void fill_density(const struct ern_train_net *net, float *block, const st
     transposed(density0 + (f + ERN_AUDIO_CODE) * units, units, w0 + f + ERN_AUDIO_CODE, net->ins, 1, units, fold->eye);
   transposed(block + net->density1, units, w1, units, units, units, 1);
   copied(block + net->density1_back, units, w1, units, units, units);
-  copied(block + net->features_back, net->slope_row, w0, net->ins, units, f);
+  copied(block + net->features_back, net->gradient_row, w0, net->ins, units, f);
   for (size_t j = 0; j < units; j++) {
     for (size_t c = 0; c < ERN_AUDIO_CODE; c++)
       block[net->v_back + j * ERN_AUDIO_CODE + c] = density0[(f + c) * units + j];
-    if (net->eye) block[net->features_back + j * net->slope_row + f] = density0[(f + ERN_AUDIO_CODE) * units + j];
+    if (net->eye) block[net->features_back + j * net->gradient_row + f] = density0[(f + ERN_AUDIO_CODE) * units + j];
   }
 }
 
@@ -130,11 +130,11 @@ void ern_train_net_fill(struct ern_train_net *net, float *block, const struct er
   memset(block, 0, net->count * sizeof *block);
   net->weights = net->factors = block;
   transposed(block + net->of_features, hidden, attention, f, f, ERN_NET_ATTENTION, 1);
-  copied(block + net->hidden_back, net->slope_row, attention, f, ERN_NET_ATTENTION, f);
+  copied(block + net->hidden_back, net->gradient_row, attention, f, ERN_NET_ATTENTION, f);
   if (net->eye) {
     const float *eye = weights_of(fold, &field->eye, 0);
     transposed(block + net->of_features + net->eye_at, hidden, eye, f, f, ERN_NET_EYE, 1);
-    copied(block + net->hidden_back + net->eye_at * net->slope_row, net->slope_row, eye, f, ERN_NET_EYE, f);
+    copied(block + net->hidden_back + net->eye_at * net->gradient_row, net->gradient_row, eye, f, ERN_NET_EYE, f);
     memcpy(block + net->eye_out, weights_of(fold, &field->eye, 1), ERN_NET_EYE * sizeof *block);
   }
   transposed(block + net->of_features + net->unc_at, hidden, weights_of(fold, &field->uncertainty, 0), f, f,

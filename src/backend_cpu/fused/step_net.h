@@ -39,7 +39,7 @@ struct ern_train_net {
   size_t eye_at, unc_at; /* first hidden unit of eye, of uncertainty */
   size_t harmonics;      /* spherical harmonics of the direction, inputs of the colour MLP: 16 or 0 */
   size_t colour_ins;     /* inputs of the colour MLP: hidden density, harmonics, 1 */
-  size_t slope_row;      /* width of the features' gradient followed by that of the eye attention, aligned */
+  size_t gradient_row;   /* width of the features' gradient followed by that of the eye attention, aligned */
   bool eye;
 
   size_t of_features; /* [features][hidden] */
@@ -55,10 +55,10 @@ struct ern_train_net {
 
   size_t colour_back;    /* [64 + 1][64]: from the colour's hidden units and the density back to the hidden density */
   size_t density1_back;  /* [64][64] */
-  size_t features_back;  /* [64][slope_row] */
+  size_t features_back;  /* [64][gradient_row] */
   size_t v_back;         /* [64][32] */
   size_t attention_back; /* [32][64] */
-  size_t hidden_back;    /* [scene_hidden][slope_row] */
+  size_t hidden_back;    /* [scene_hidden][gradient_row] */
   size_t count;
   const float *weights; /* the block */
   const float *factors; /* the block as products read it: `weights`, or its pairs of bf16 (simd/gemm_factors.h) */

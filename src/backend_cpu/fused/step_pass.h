@@ -16,12 +16,12 @@ struct ern_train_block {
   size_t count;
 };
 typedef enum ern_train_use {
-  ERN_TRAIN_NET,     /* the weights and the shards' gradients */
-  ERN_TRAIN_GRIDS,   /* the unhashed levels */
-  ERN_TRAIN_WORKERS, /* one struct ern_train_worker for each thread */
-  ERN_TRAIN_MARCHED, /* by marched sample */
-  ERN_TRAIN_LIVE,    /* by live sample: one that contributes to its ray */
-  ERN_TRAIN_SLOPES,  /* the features' gradient */
+  ERN_TRAIN_NET,       /* the weights and the shards' gradients */
+  ERN_TRAIN_GRIDS,     /* the unhashed levels */
+  ERN_TRAIN_WORKERS,   /* one struct ern_train_worker for each thread */
+  ERN_TRAIN_MARCHED,   /* by marched sample */
+  ERN_TRAIN_LIVE,      /* by live sample: one that contributes to its ray */
+  ERN_TRAIN_DFEATURES, /* the features' gradient */
   ERN_TRAIN_USES
 } ern_train_use;
 struct ern_train_workspace {

@@ -26,8 +26,8 @@ void ERN_ISA(ern_activate_bwd)(float *dx, const float *dy, const float *x, ern_a
     vf value = vf_load_partial(x + i, count);
     switch (kind) {
       case ERN_ACT_DENSITY: value = by * vf_exp(vf_clamp(value, -15, 15)); break;
-      case ERN_ACT_COLOUR: value = by * (1.002f * vf_sigmoid_slope(value)); break;
-      case ERN_ACT_SIGMOID: value = by * vf_sigmoid_slope(value); break;
+      case ERN_ACT_COLOUR: value = by * (1.002f * vf_sigmoid_derivative(value)); break;
+      case ERN_ACT_SIGMOID: value = by * vf_sigmoid_derivative(value); break;
       case ERN_ACT_SOFTPLUS: value = by * vf_sigmoid(value); break;
       case ERN_ACT_RELU: value = vf_select(value <= 0, (vf){0}, by); break;
     }

@@ -167,9 +167,10 @@ static void turn_back(float *weight, const float *transposed, size_t count, size
     for (size_t c = 0; c < count; c++) weight[c * kernel + k] = transposed[k * CHUNK + c];
 }
 
-/* dW += slope x; dx += slope W, where it is wanted */
-LANES_INLINE void add_slope(float *dweight, float *dx, float slope, const float *x, const float *weight, size_t count) {
-  const vf all = vf_all(slope);
+/* dW += gradient x; dx += gradient W, where it is wanted */
+LANES_INLINE void add_gradient(float *dweight, float *dx, float gradient, const float *x, const float *weight,
+                               size_t count) {
+  const vf all = vf_all(gradient);
   for (size_t c = 0; c < count; c += LANES) {
     const size_t some = count - c < LANES ? count - c : LANES;
     vf_store(dweight + c, vf_load(dweight + c) + vf_multiply_rounded(all, vf_load_partial(x + c, some)));
@@ -193,13 +194,13 @@ static void layer_bwd(struct rows dx, float *dparameters, struct rows dy, struct
       turn(dweight, dparameters + first, count, kernel);
       for (size_t n = 0; n < WINDOWS; n++) {
         for (int t = 0; t < l->positions; t++) {
-          const float slope = dy.data[n * dy.window + (size_t)t * dy.position + o];
+          const float gradient = dy.data[n * dy.window + (size_t)t * dy.position + o];
           for (int k = 0; k < l->kernel; k++) {
             const int at = reads(l, t, k);
             if (at < 0) continue;
             const size_t from = (size_t)at * x.position + begin;
-            add_slope(dweight + (size_t)k * CHUNK, dx.data != NULL ? dx.data + n * dx.window + from : NULL, slope,
-                      x.data + n * x.window + from, weight + (size_t)k * CHUNK, count);
+            add_gradient(dweight + (size_t)k * CHUNK, dx.data != NULL ? dx.data + n * dx.window + from : NULL, gradient,
+                         x.data + n * x.window + from, weight + (size_t)k * CHUNK, count);
           }
         }
       }
@@ -208,27 +209,27 @@ static void layer_bwd(struct rows dx, float *dparameters, struct rows dy, struct
   }
 }
 
-static void leaky_relu_bwd(float *slope, const float *value, size_t count) {
+static void leaky_relu_bwd(float *gradient, const float *value, size_t count) {
   for (size_t i = 0; i < count; i++)
-    slope[i] = fabsf(value[i]) >= ERN_AUDIO_LIMIT ? 0 : value[i] > 0 ? slope[i] : 0.02f * slope[i];
+    gradient[i] = fabsf(value[i]) >= ERN_AUDIO_LIMIT ? 0 : value[i] > 0 ? gradient[i] : 0.02f * gradient[i];
 }
 
 void ERN_ISA(ern_audio_bwd)(float *dparameters, const float *dcode, const float *windows, const float *parameters,
                             const struct ern_audio_net *net) {
   struct layer layer[LAYERS];
-  struct values values, slopes;
+  struct values values, gradients;
   float codes[WINDOWS * MOST], dcodes[WINDOWS * MOST];
   const size_t count = (size_t)net->code;
-  memset(&slopes, 0, sizeof slopes);
+  memset(&gradients, 0, sizeof gradients);
   layers_of(layer, net);
   windows_fwd(&values, windows, parameters, layer);
   pack_codes(codes, &values, count);
   ern_audio_mix_bwd_ref(dparameters, dcodes, dcode, codes, parameters, net);
-  for (size_t n = 0; n < WINDOWS; n++) memcpy(slopes.code + n * MOST, dcodes + n * count, count * sizeof *dcodes);
+  for (size_t n = 0; n < WINDOWS; n++) memcpy(gradients.code + n * MOST, dcodes + n * count, count * sizeof *dcodes);
   for (int l = LAYERS - 1; l >= 0; l--) {
-    const struct rows dy = output_of(&slopes, layer, l);
+    const struct rows dy = output_of(&gradients, layer, l);
     if (l < LAYERS - 1) leaky_relu_bwd(dy.data, output_of(&values, layer, l).data, WINDOWS * dy.window);
-    layer_bwd(l > 0 ? output_of(&slopes, layer, l - 1) : (struct rows){0}, dparameters, dy,
+    layer_bwd(l > 0 ? output_of(&gradients, layer, l - 1) : (struct rows){0}, dparameters, dy,
               input_of(&values, layer, l, windows), parameters, &layer[l]);
   }
 }

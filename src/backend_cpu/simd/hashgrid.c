@@ -134,7 +134,7 @@ LANES_INLINE void level_fwd_of(float *rows, size_t stride, const float *table, c
 }
 
 /* Outputs of the backward pass; NULL: not wanted. */
-struct slopes {
+struct gradients {
   float *dtable;
   float *const *dx;
   const float *df;
@@ -214,14 +214,14 @@ LANES_INLINE void add_to_positions(float *const *dx, size_t at, const struct cor
 #pragma GCC unroll 3
   for (int d = 0; d < dims; d++) {
     const vf old = vf_load_partial(dx[d] + at, count);
-    const vf slope = old + vf_multiply_rounded(sum[d], vf_all(factor));
-    vf_store_partial(dx[d] + at, vf_select(inside, slope, old), count);
+    const vf gradient = old + vf_multiply_rounded(sum[d], vf_all(factor));
+    vf_store_partial(dx[d] + at, vf_select(inside, gradient, old), count);
   }
 }
 
 enum { MAX_FEATURES = 64 }; /* the limit of ern_grid_build */
 
-LANES_INLINE void level_bwd_of(const struct slopes *to, const float *table, const struct plan *plan,
+LANES_INLINE void level_bwd_of(const struct gradients *to, const float *table, const struct plan *plan,
                                const struct prepared *block, float factor, const int dims, const size_t features,
                                const bool hashed) {
   /* no modulo between neighbours */
@@ -283,7 +283,7 @@ void ERN_ISA(ern_grid_bwd)(float *dtable, float *const dx[DIMS], const float *df
     prepare(&block, x, grid, first, n);
     for (int l = level_begin; l < level_end; l++) {
       const struct plan plan = plan_level(grid, l);
-      const struct slopes to = {dtable, dx, df + (size_t)l * features * stride, stride};
+      const struct gradients to = {dtable, dx, df + (size_t)l * features * stride, stride};
       const float factor = plan.scale / (2 * grid->bound);
       SPECIALISE(level_bwd_of, grid->dims, features, plan.hashed, &to, table, &plan, &block, factor);
     }

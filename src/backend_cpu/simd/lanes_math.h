@@ -90,7 +90,7 @@ LANES_INLINE vf vf_sigmoid(vf x) { return 1 / (1 + vf_exp(-x)); }
 
 /* The sigmoid's derivative e/(1 + e)^2 with e = exp(-|x|), at most 4 ulp off: no cancellation where the sigmoid is near
  * 1. */
-LANES_INLINE vf vf_sigmoid_slope(vf x) {
+LANES_INLINE vf vf_sigmoid_derivative(vf x) {
   const vf e = vf_exp(-vf_absolute(x));
   return e / ((1 + e) * (1 + e));
 }

@@ -77,7 +77,7 @@ LANES_INLINE vf uncertainty_term(vf *du, vf u, vf error, vf face) {
   return face * (error_part * 0.5f + log_beta * log_beta * 0.5f);
 }
 
-/* -w log2 w - (1-w) log2(1-w), w = clamp(opacity, 1e-5, 1 - 1e-5), and its slope, 0 outside the clamp */
+/* -w log2 w - (1-w) log2(1-w), w = clamp(opacity, 1e-5, 1 - 1e-5), and its gradient, 0 outside the clamp */
 LANES_INLINE vf entropy_term(vf *dopacity, vf opacity) {
   const float low = 1e-5f, high = 1 - low;
   const vf w = vf_clamp(opacity, low, high), own = vf_log2(w), other = vf_log2(1 - w);

@@ -206,24 +206,24 @@ static void turn(float *out, const float *tile, int width) {
 }
 
 /* derivative of the ReLU: 0 where the unit was inactive */
-static void relu_bwd(float *slope, const float *value, int rows) {
+static void relu_bwd(float *gradient, const float *value, int rows) {
   for (size_t i = 0; i < (size_t)rows * TILE; i += LANES) {
-    vf_store(slope + i, vf_select(vf_load(value + i) <= 0, (vf){0}, vf_load(slope + i)));
+    vf_store(gradient + i, vf_select(vf_load(value + i) <= 0, (vf){0}, vf_load(gradient + i)));
   }
 }
 
 /* dx += the rows of a tile; for a row that the whole batch shares, adds their sum. */
-static void scatter(const struct ern_rows_view *dx, const struct ern_rows_view *x, int pieces, const float *slope,
+static void scatter(const struct ern_rows_view *dx, const struct ern_rows_view *x, int pieces, const float *gradient,
                     size_t first, size_t count) {
   for (int p = 0; p < pieces; p++) {
-    for (size_t c = 0; c < (size_t)x[p].rows; c++, slope += TILE) {
+    for (size_t c = 0; c < (size_t)x[p].rows; c++, gradient += TILE) {
       if (dx[p].data == NULL || x[p].per == ERN_PER_RAY) continue;
       float *row = dx[p].data + c * dx[p].stride;
       if (x[p].per == ERN_PER_SAMPLE) {
-        for (size_t i = 0; i < count; i++) row[first + i] += slope[i];
+        for (size_t i = 0; i < count; i++) row[first + i] += gradient[i];
       } else {
         float sum = 0;
-        for (size_t i = 0; i < count; i++) sum += slope[i];
+        for (size_t i = 0; i < count; i++) sum += gradient[i];
         row[0] += sum;
       }
     }
@@ -234,13 +234,14 @@ static void scatter(const struct ern_rows_view *dx, const struct ern_rows_view *
  * the gradient at the input, or NULL where that is not wanted. */
 static float *tile_bwd(float *scratch, const struct ern_mlp_layout *at, const float *parameters,
                        const struct ern_mlp *mlp, bool dx_wanted) {
-  float *slope = scratch + at->slope[0], *next = scratch + at->slope[1], *transposed = scratch + at->transposed;
+  float *gradient = scratch + at->gradient[0], *next = scratch + at->gradient[1],
+        *transposed = scratch + at->transposed;
   for (int l = mlp->layers - 1; l >= 0; l--) {
     const size_t outs = (size_t)mlp->width[l + 1], ins = (size_t)mlp->width[l], padded = ern_mlp_padded(mlp->width[l]);
     turn(transposed, scratch + at->value[l], mlp->width[l]);
     const struct product dw = {.out = scratch + at->dweight[l],
                                .out_row = padded,
-                               .a = slope,
+                               .a = gradient,
                                .a_row = TILE,
                                .a_step = 1,
                                .b = transposed,
@@ -254,17 +255,17 @@ static float *tile_bwd(float *scratch, const struct ern_mlp_layout *at, const fl
                                .a = parameters + mlp->weight[l],
                                .a_row = 1,
                                .a_step = ins,
-                               .b = slope,
+                               .b = gradient,
                                .b_row = TILE,
                                .count = outs,
                                .finish = STORE};
     product(&dx, ins, TILE);
     if (l > 0) relu_bwd(next, scratch + at->value[l], mlp->width[l]);
-    float *const swap = slope;
-    slope = next;
+    float *const swap = gradient;
+    gradient = next;
     next = swap;
   }
-  return slope;
+  return gradient;
 }
 
 void ERN_ISA(ern_mlp_bwd)(const struct ern_rows_view *dx, float *dparameters, const float *dy, size_t dy_stride,
@@ -279,9 +280,9 @@ void ERN_ISA(ern_mlp_bwd)(const struct ern_rows_view *dx, float *dparameters, co
     const size_t count = n - first < TILE ? n - first : TILE;
     gather(scratch + at.value[0], x, pieces, ray, first, count);
     hidden_fwd(scratch, &at, parameters, mlp);
-    gather(scratch + at.slope[0], &dy_view, 1, NULL, first, count);
-    const float *slope = tile_bwd(scratch, &at, parameters, mlp, dx_wanted);
-    if (slope != NULL) scatter(dx, x, pieces, slope, first, count);
+    gather(scratch + at.gradient[0], &dy_view, 1, NULL, first, count);
+    const float *gradient = tile_bwd(scratch, &at, parameters, mlp, dx_wanted);
+    if (gradient != NULL) scatter(dx, x, pieces, gradient, first, count);
   }
   for (int l = 0; l < mlp->layers; l++) {
     const size_t ins = (size_t)mlp->width[l], padded = ern_mlp_padded(mlp->width[l]);

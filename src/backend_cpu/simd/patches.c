@@ -42,7 +42,7 @@ struct filtered {
 };
 
 /* Sum of 1 - SSIM; f->x, xx, xy become the derivatives of the sum of SSIM by A x, A x^2, A xy. */
-static double slopes(const struct filtered *f, float base, size_t n) {
+static double gradients(const struct filtered *f, float base, size_t n) {
   struct vd_pair sum = {{{0}}};
   for (size_t i = 0; i < n; i += LANES) {
     const vf ux = vf_load(f->x + i), uy = vf_load(f->y + i), mx = base + ux, my = base + uy;
@@ -72,13 +72,14 @@ double ERN_ISA(ern_patch_scale)(float *dx, const float *x, const float *y, float
   filter(f.yy, product, a, at, side, between);
   products(product, x, y, n);
   filter(f.xy, product, a, at, side, between);
-  const double sum = slopes(&f, base, n);
+  const double sum = gradients(&f, base, n);
   filter(f.y, f.x, at, a, side, between);
   filter(f.yy, f.xx, at, a, side, between);
   filter(product, f.xy, at, a, side, between);
   for (size_t i = 0; i < n; i += LANES) {
-    const vf slope = vf_load(f.y + i) + 2 * vf_load(x + i) * vf_load(f.yy + i) + vf_load(y + i) * vf_load(product + i);
-    vf_store(dx + i, vf_load(dx + i) - factor * slope);
+    const vf gradient =
+        vf_load(f.y + i) + 2 * vf_load(x + i) * vf_load(f.yy + i) + vf_load(y + i) * vf_load(product + i);
+    vf_store(dx + i, vf_load(dx + i) - factor * gradient);
   }
   return sum;
 }

@@ -109,29 +109,29 @@ LANES_INLINE void norms(float *out, const float *x, size_t x_row, const size_t w
   }
 }
 
-/* gradient [width] += sum_s slope[s] x(s, .) */
-LANES_INLINE void add_sums(float *gradient, const float *slope, const float *x, size_t x_row, const size_t width) {
+/* dw [width] += sum_s dy[s] x(s, .) */
+LANES_INLINE void add_sums(float *dw, const float *dy, const float *x, size_t x_row, const size_t width) {
   vf sum[DENSITY / LANES];
 #pragma GCC unroll 16
-  for (size_t v = 0; v < width / LANES; v++) sum[v] = vf_load(gradient + v * LANES);
+  for (size_t v = 0; v < width / LANES; v++) sum[v] = vf_load(dw + v * LANES);
   for (size_t s = 0; s < TILE; s++) {
-    const vf factor = vf_all(slope[s]);
+    const vf factor = vf_all(dy[s]);
 #pragma GCC unroll 16
     for (size_t v = 0; v < width / LANES; v++) sum[v] += factor * vf_load(x + s * x_row + v * LANES);
   }
 #pragma GCC unroll 16
-  for (size_t v = 0; v < width / LANES; v++) vf_store(gradient + v * LANES, sum[v]);
+  for (size_t v = 0; v < width / LANES; v++) vf_store(dw + v * LANES, sum[v]);
 }
 
-/* out(s, c) = sum over the outputs o of slope(o, s) w(o, c), where the unit was active: x(s, c) > 0 */
-LANES_INLINE void slopes_of(float *out, size_t out_row, const float *slope, const float *w, const float *x,
-                            size_t x_row, const size_t outputs, const size_t width) {
+/* out(s, c) = sum over the outputs o of dy(o, s) w(o, c), where the unit was active: x(s, c) > 0 */
+LANES_INLINE void units_bwd(float *out, size_t out_row, const float *dy, const float *w, const float *x, size_t x_row,
+                            const size_t outputs, const size_t width) {
   for (size_t s = 0; s < TILE; s++) {
 #pragma GCC unroll 16
     for (size_t c = 0; c < width; c += LANES) {
-      vf sum = vf_all(slope[s]) * vf_load(w + c);
+      vf sum = vf_all(dy[s]) * vf_load(w + c);
 #pragma GCC unroll 3
-      for (size_t o = 1; o < outputs; o++) sum += vf_all(slope[o * TILE + s]) * vf_load(w + o * width + c);
+      for (size_t o = 1; o < outputs; o++) sum += vf_all(dy[o * TILE + s]) * vf_load(w + o * width + c);
       vf_store(out + s * out_row + c, vf_select(vf_load(x + s * x_row + c) <= 0, (vf){0}, sum));
     }
   }
@@ -381,19 +381,19 @@ static void layer_bwd(struct ern_train_tile *t, float *out, size_t out_row, cons
   rows_forward(&p);
 }
 
-static float *slope_rgb(struct ern_train_tile *t) { return t->slope; }
-static float *slope_density(struct ern_train_tile *t) { return t->slope + 3 * TILE; }
-static float *slope_eye(struct ern_train_tile *t) { return t->slope + 4 * TILE; }
-static float *slope_unc(struct ern_train_tile *t) { return t->slope + 5 * TILE; }
+static float *gradient_rgb(struct ern_train_tile *t) { return t->gradient; }
+static float *gradient_density(struct ern_train_tile *t) { return t->gradient + 3 * TILE; }
+static float *gradient_eye(struct ern_train_tile *t) { return t->gradient + 4 * TILE; }
+static float *gradient_unc(struct ern_train_tile *t) { return t->gradient + 5 * TILE; }
 
 /* Backward pass from the gradients of rgb_raw and of the log density to those of features, eye attention and v. */
 static void scene_bwd(const struct ern_train_net *net, struct ern_train_tile *t, float *gradient) {
   const float *w = net->weights;
   for (size_t c = 0; c < 3; c++)
-    add_sums(gradient + net->rgb + c * COLOUR, t->slope + c * TILE, t->colour, COLOUR, COLOUR);
-  add_sums(gradient + net->sigma, slope_density(t), t->colour_ins, COLOUR_ROW, DENSITY);
-  slopes_of(t->d_colour, D_COLOUR_ROW, slope_rgb(t), w + net->rgb, t->colour, COLOUR, 3, COLOUR);
-  for (size_t s = 0; s < TILE; s++) t->d_colour[s * D_COLOUR_ROW + COLOUR] = slope_density(t)[s];
+    add_sums(gradient + net->rgb + c * COLOUR, t->gradient + c * TILE, t->colour, COLOUR, COLOUR);
+  add_sums(gradient + net->sigma, gradient_density(t), t->colour_ins, COLOUR_ROW, DENSITY);
+  units_bwd(t->d_colour, D_COLOUR_ROW, gradient_rgb(t), w + net->rgb, t->colour, COLOUR, 3, COLOUR);
+  for (size_t s = 0; s < TILE; s++) t->d_colour[s * D_COLOUR_ROW + COLOUR] = gradient_density(t)[s];
   add_weights(t, gradient + net->colour, COLOUR, t->colour_ins, COLOUR_ROW, net->colour_ins, t->d_colour, D_COLOUR_ROW,
               COLOUR);
   layer_bwd(t, t->d_density1, DENSITY, t->d_colour, D_COLOUR_ROW, COLOUR + 1, net->factors + net->colour_back, DENSITY,
@@ -402,8 +402,8 @@ static void scene_bwd(const struct ern_train_net *net, struct ern_train_tile *t,
   layer_bwd(t, t->d_density0, DENSITY, t->d_density1, DENSITY, DENSITY, net->factors + net->density1_back, DENSITY,
             t->density0, DENSITY);
   add_weights(t, gradient + net->density0, DENSITY, t->ins, net->in_row, net->ins, t->d_density0, DENSITY, DENSITY);
-  layer(t, t->d_features, net->slope_row, t->d_density0, DENSITY, net->factors + net->features_back, net->slope_row,
-        net->slope_row, DENSITY, ROWS_STORE);
+  layer(t, t->d_features, net->gradient_row, t->d_density0, DENSITY, net->factors + net->features_back,
+        net->gradient_row, net->gradient_row, DENSITY, ROWS_STORE);
   layer(t, t->d_v, CODE, t->d_density0, DENSITY, net->factors + net->v_back, CODE, CODE, DENSITY, ROWS_ADD);
 }
 
@@ -427,17 +427,17 @@ static void attention_bwd(const struct ern_train_net *net, struct ern_train_tile
             net->hidden);
   if (net->eye) {
     const float *hidden = t->hidden + net->eye_at;
-    add_sums(gradient + net->eye_out, slope_eye(t), hidden, net->hidden, EYE);
-    slopes_of(t->d_hidden + net->eye_at, net->hidden, slope_eye(t), w + net->eye_out, hidden, net->hidden, 1, EYE);
+    add_sums(gradient + net->eye_out, gradient_eye(t), hidden, net->hidden, EYE);
+    units_bwd(t->d_hidden + net->eye_at, net->hidden, gradient_eye(t), w + net->eye_out, hidden, net->hidden, 1, EYE);
   }
   const float *hidden = t->hidden + net->unc_at;
-  add_sums(gradient + net->unc_out, slope_unc(t), hidden, net->hidden, UNCERTAINTY);
-  slopes_of(t->d_hidden + net->unc_at, net->hidden, slope_unc(t), w + net->unc_out, hidden, net->hidden, 1,
+  add_sums(gradient + net->unc_out, gradient_unc(t), hidden, net->hidden, UNCERTAINTY);
+  units_bwd(t->d_hidden + net->unc_at, net->hidden, gradient_unc(t), w + net->unc_out, hidden, net->hidden, 1,
             UNCERTAINTY);
   add_weights(t, gradient + net->of_features, net->hidden, t->ins, net->in_row, net->features, t->d_hidden, net->hidden,
               net->hidden);
-  layer(t, t->d_features, net->slope_row, t->d_hidden, net->hidden, net->factors + net->hidden_back, net->slope_row,
-        net->slope_row, net->scene_hidden, finish);
+  layer(t, t->d_features, net->gradient_row, t->d_hidden, net->hidden, net->factors + net->hidden_back,
+        net->gradient_row, net->gradient_row, net->scene_hidden, finish);
 }
 
 /* Multiplies the outputs' gradients by the activations' derivatives. The density's are clamped as in the public code.
@@ -445,25 +445,26 @@ static void attention_bwd(const struct ern_train_net *net, struct ern_train_tile
 static void outputs_bwd(const struct ern_train_net *net, struct ern_train_tile *t,
                         const struct ern_train_backward_args *a, size_t first, size_t count) {
   for (size_t c = 0; c < 3; c++) {
-    float *slope = slope_rgb(t) + c * TILE;
-    take(slope, a->drgb + c * a->rgb_stride, first, count);
+    float *gradient = gradient_rgb(t) + c * TILE;
+    take(gradient, a->drgb + c * a->rgb_stride, first, count);
     EACH_VECTOR(s)
-    vf_store(slope + s, vf_load(slope + s) * (1.002f * vf_sigmoid_slope(vf_load(t->rgb_raw + c * TILE + s))));
+    vf_store(gradient + s,
+             vf_load(gradient + s) * (1.002f * vf_sigmoid_derivative(vf_load(t->rgb_raw + c * TILE + s))));
   }
-  take(slope_density(t), a->dsigma, first, count);
-  take(slope_unc(t), a->dunc, first, count);
+  take(gradient_density(t), a->dsigma, first, count);
+  take(gradient_unc(t), a->dunc, first, count);
   EACH_VECTOR(s) {
-    float *density_slope = slope_density(t) + s, *unc_slope = slope_unc(t) + s;
-    vf_store(density_slope, vf_load(density_slope) * vf_exp(vf_clamp(vf_load(t->log_sigma + s), -15, 15)));
-    vf_store(unc_slope, vf_load(unc_slope) * vf_sigmoid(vf_load(t->unc_raw + s)));
+    float *density_gradient = gradient_density(t) + s, *unc_gradient = gradient_unc(t) + s;
+    vf_store(density_gradient, vf_load(density_gradient) * vf_exp(vf_clamp(vf_load(t->log_sigma + s), -15, 15)));
+    vf_store(unc_gradient, vf_load(unc_gradient) * vf_sigmoid(vf_load(t->unc_raw + s)));
   }
-  if (net->eye) take(slope_eye(t), a->deye, first, count);
+  if (net->eye) take(gradient_eye(t), a->deye, first, count);
 }
 
 static void eye_bwd(const struct ern_train_net *net, struct ern_train_tile *t) {
-  float *slope = slope_eye(t);
-  for (size_t s = 0; s < TILE; s++) slope[s] += t->d_features[s * net->slope_row + net->features];
-  EACH_VECTOR(s) vf_store(slope + s, vf_load(slope + s) * vf_sigmoid_slope(vf_load(t->eye_raw + s)));
+  float *gradient = gradient_eye(t);
+  for (size_t s = 0; s < TILE; s++) gradient[s] += t->d_features[s * net->gradient_row + net->features];
+  EACH_VECTOR(s) vf_store(gradient + s, vf_load(gradient + s) * vf_sigmoid_derivative(vf_load(t->eye_raw + s)));
 }
 
 static void backward(const struct ern_train_net *net, struct ern_train_tile *t,
@@ -491,18 +492,18 @@ static void backward(const struct ern_train_net *net, struct ern_train_tile *t,
            net->weights + net->colour + (DENSITY + k) * COLOUR, COLOUR);
     if (net->eye) eye_bwd(net, t);
     attention_bwd(net, t, a->gradient, ROWS_ADD);
-    channels_of_rows(a->df + first, a->stride, t->d_features, net->slope_row, net->features);
+    channels_of_rows(a->df + first, a->stride, t->d_features, net->gradient_row, net->features);
   }
 }
 
 /* ---- smoothness -------------------------------------------------------------------------------------------------- */
 
-/* slope = factor (moved - still), 0 past count; *sum += the squares */
-static void difference(float *slope, double *sum, const float *moved, const float *still, float factor, size_t first,
+/* gradient = factor (moved - still), 0 past count; *sum += the squares */
+static void difference(float *gradient, double *sum, const float *moved, const float *still, float factor, size_t first,
                        size_t count) {
   for (size_t s = 0; s < TILE; s++) {
     const float by = s < count ? moved[s] - still[first + s] : 0;
-    slope[s] = factor * by;
+    gradient[s] = factor * by;
     *sum += (double)by * (double)by;
   }
 }
@@ -519,17 +520,17 @@ static void smooth(const struct ern_train_net *net, struct ern_train_tile *t, st
     uncertainty_fwd(net, t);
     difference(dnorm, &a->sum[0], t->norm, a->norm, a->factor, first, count);
     if (net->eye) {
-      difference(slope_eye(t), &a->sum[1], t->eye, a->eye, a->factor, first, count);
+      difference(gradient_eye(t), &a->sum[1], t->eye, a->eye, a->factor, first, count);
       EACH_VECTOR(s)
-      vf_store(slope_eye(t) + s, vf_load(slope_eye(t) + s) * vf_sigmoid_slope(vf_load(t->eye_raw + s)));
+      vf_store(gradient_eye(t) + s, vf_load(gradient_eye(t) + s) * vf_sigmoid_derivative(vf_load(t->eye_raw + s)));
     }
     float unc[TILE];
     EACH_VECTOR(s) vf_store(unc + s, vf_softplus(vf_load(t->unc_raw + s)));
-    difference(slope_unc(t), &a->sum[2], unc, a->unc, a->factor, first, count);
-    EACH_VECTOR(s) vf_store(slope_unc(t) + s, vf_load(slope_unc(t) + s) * vf_sigmoid(vf_load(t->unc_raw + s)));
+    difference(gradient_unc(t), &a->sum[2], unc, a->unc, a->factor, first, count);
+    EACH_VECTOR(s) vf_store(gradient_unc(t) + s, vf_load(gradient_unc(t) + s) * vf_sigmoid(vf_load(t->unc_raw + s)));
     norm_bwd(net, t, dnorm);
     attention_bwd(net, t, a->gradient, ROWS_STORE);
-    channels_of_rows(a->df + first, a->stride, t->d_features, net->slope_row, net->features);
+    channels_of_rows(a->df + first, a->stride, t->d_features, net->gradient_row, net->features);
   }
 }
 
@@ -546,10 +547,10 @@ static void pair_weights(const struct ern_train_net *net, float *factors) {
                 {net->colour, net->colour_ins, COLOUR},
                 {net->colour_back, COLOUR + 1, DENSITY},
                 {net->density1_back, DENSITY, DENSITY},
-                {net->features_back, DENSITY, net->slope_row},
+                {net->features_back, DENSITY, net->gradient_row},
                 {net->v_back, DENSITY, CODE},
                 {net->attention_back, CODE, ATTENTION},
-                {net->hidden_back, net->scene_hidden, net->slope_row}};
+                {net->hidden_back, net->scene_hidden, net->gradient_row}};
   for (size_t m = 0; m < sizeof matrix / sizeof *matrix; m++) {
     const size_t at = matrix[m].at;
     factors_pair_rows(factors + at, net->weights + at, matrix[m].outs, matrix[m].ins, matrix[m].outs);

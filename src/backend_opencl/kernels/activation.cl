@@ -5,7 +5,7 @@
 static inline floatw sigmoid(floatw x) { return 1 / (1 + exp(-x)); }
 
 /* s(x) (1 - s(x)) = e/(1 + e)^2 with e = exp(-|x|): without cancellation where s is near 1 */
-static inline floatw sigmoid_slope(floatw x) {
+static inline floatw sigmoid_derivative(floatw x) {
   const floatw e = exp(-fabs(x));
   return e / ((1 + e) * (1 + e));
 }
@@ -50,7 +50,7 @@ ACTIVATE_FWD(relu, clamp_below(from, 0))
     }                                                                                                    \
   }
 ACTIVATE_BWD(density, by * exp(clamp_below(clamp_above(from, 15), -15)))
-ACTIVATE_BWD(colour, by * (1.002f * sigmoid_slope(from)))
-ACTIVATE_BWD(sigmoid, by * sigmoid_slope(from))
+ACTIVATE_BWD(colour, by * (1.002f * sigmoid_derivative(from)))
+ACTIVATE_BWD(sigmoid, by * sigmoid_derivative(from))
 ACTIVATE_BWD(softplus, by * sigmoid(from))
 ACTIVATE_BWD(relu, WHERE(from <= 0, 0, by))

@@ -87,17 +87,17 @@ KERNEL attention_bwd(ROWS(float, dv), SPAN(float, parts), ROWS(const float, dreg
       const floatw value = loadw_first(v + (c < values ? c : 0) * v_stride + i, n - i);
       floatw gradient = 0;
       if (dregion) {
-        const floatw slope = loadw_first(dregion + c * dregion_stride + i, n - i);
-        gradient += weight * slope;
+        const floatw dy = loadw_first(dregion + c * dregion_stride + i, n - i);
+        gradient += weight * dy;
 #if CPU
-        sum[k] += slope * value;
+        sum[k] += dy * value;
 #else
-        own += slope * value;
+        own += dy * value;
 #endif
       }
       if (dnorm) {
-        const floatw length = loadw_first(norm + i, n - i), slope = loadw_first(dnorm + i, n - i);
-        gradient = WHERE(length > 0, gradient + slope * (value / length), gradient);
+        const floatw length = loadw_first(norm + i, n - i), dy = loadw_first(dnorm + i, n - i);
+        gradient = WHERE(length > 0, gradient + dy * (value / length), gradient);
       }
       if (dv) storew_first(dv + c * dv_stride + i, gradient, n - i);
     }
@@ -133,8 +133,8 @@ KERNEL attention_one_bwd(SPAN(float, dv), ROWS(const float, dregion), SPAN(const
     for (uint c = 0; dregion && c < channels; c++)
       gradient += code[c] * loadw_first(dregion + c * dregion_stride + i, n - i);
     if (dnorm) {
-      const floatw length = loadw_first(norm + i, n - i), slope = loadw_first(dnorm + i, n - i);
-      gradient = WHERE(length > 0, gradient + slope * (loadw_first(v + i, n - i) / length), gradient);
+      const floatw length = loadw_first(norm + i, n - i), dy = loadw_first(dnorm + i, n - i);
+      gradient = WHERE(length > 0, gradient + dy * (loadw_first(v + i, n - i) / length), gradient);
     }
     storew_first(dv + i, gradient, n - i);
   }

@@ -30,12 +30,12 @@ struct audio_net {
 
 #define LIMIT 1e6f /* ERN_AUDIO_LIMIT; NaN stays NaN */
 static float held(float x) { return x > LIMIT ? LIMIT : x < -LIMIT ? -LIMIT : x; }
-static float8 held_bwd(float8 slope, float8 value) { return select(slope, (float8)0, fabs(value) >= LIMIT); }
+static float8 held_bwd(float8 gradient, float8 value) { return select(gradient, (float8)0, fabs(value) >= LIMIT); }
 
 static float leaky_relu(float x) { return held(x > 0 ? x : 0.02f * x); }
 /* The gradient with respect to the input of a LeakyReLU. `value` is its output, which has the sign of the input. */
-static float8 leaky_relu_bwd(float8 slope, float8 value) {
-  return held_bwd(select(0.02f * slope, slope, value > 0), value);
+static float8 leaky_relu_bwd(float8 gradient, float8 value) {
+  return held_bwd(select(0.02f * gradient, gradient, value > 0), value);
 }
 
 static float sum_of(float8 v) {
@@ -175,12 +175,12 @@ static void conv_dw(global float *dw, global float *db, global const float *dy, 
   for (int copy = 0; copy < copies; copy++) {
     for (int t = 0; t < positions; t++) {
       const int at = t * conv.stride;
-      const float slope = dy[copy * dy_copy + t * conv.out + o];
+      const float gradient = dy[copy * dy_copy + t * conv.out + o];
       global const float *from = x + copy * x_copy + (ulong)at * conv.in + c;
-      if (at > 0) sum.before += slope * block_load(from - conv.in, left);
-      sum.middle += slope * block_load(from, left);
-      if (at + 1 < conv.length) sum.after += slope * block_load(from + conv.in, left);
-      bias += slope;
+      if (at > 0) sum.before += gradient * block_load(from - conv.in, left);
+      sum.middle += gradient * block_load(from, left);
+      if (at + 1 < conv.length) sum.after += gradient * block_load(from + conv.in, left);
+      bias += gradient;
     }
   }
   taps_store(row, sum, left);
@@ -203,9 +203,9 @@ static void fc_dw(global float *dw, global float *db, global const float *dy, ul
   float8 sum = vload8(0, dw + o * ins + c);
   float bias = c == 0 ? db[o] : 0;
   for (int copy = 0; copy < copies; copy++) {
-    const float slope = dy[copy * dy_copy + o];
-    sum += slope * vload8(0, x + copy * x_copy + c);
-    bias += slope;
+    const float gradient = dy[copy * dy_copy + o];
+    sum += gradient * vload8(0, x + copy * x_copy + c);
+    bias += gradient;
   }
   vstore8(sum, 0, dw + o * ins + c);
   if (c == 0) db[o] = bias;
@@ -246,25 +246,25 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void audio_windows(
   }
 }
 
-/* slopes [8][WINDOW_VALUES]: the gradients with respect to the input of each LeakyReLU; `values` holds its output. */
+/* gradients [8][WINDOW_VALUES]: the gradients with respect to the input of each LeakyReLU; `values` holds its output. */
 kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void audio_windows_bwd(
-    SPAN(float, slopes), SPAN(const float, dcodes), SPAN(const float, values), SPAN(const float, parameters),
+    SPAN(float, gradients), SPAN(const float, dcodes), SPAN(const float, values), SPAN(const float, parameters),
     struct audio_net net) {
-  OPEN(float, slopes);
+  OPEN(float, gradients);
   OPEN(const float, dcodes);
   OPEN(const float, values);
   OPEN(const float, parameters);
   const int item = get_local_id(0), window = get_group_id(0), last = conv_at[CONVS - 1];
-  global float *slope = slopes + window * WINDOW_VALUES;
+  global float *gradient = gradients + window * WINDOW_VALUES;
   global const float *value = values + window * WINDOW_VALUES;
   for (int c = item * BLOCK; c < HIDDEN; c += GROUP * BLOCK) {
     const float8 dx = fc_dx(dcodes + window * net.code, parameters + net.fc_weight[1], net.code, HIDDEN, c);
-    vstore8(leaky_relu_bwd(dx, vload8(0, value + HIDDEN_AT + c)), 0, slope + HIDDEN_AT + c);
+    vstore8(leaky_relu_bwd(dx, vload8(0, value + HIDDEN_AT + c)), 0, gradient + HIDDEN_AT + c);
   }
   barrier(CLK_GLOBAL_MEM_FENCE);
   for (int c = item * BLOCK; c < HIDDEN; c += GROUP * BLOCK) {
-    const float8 dx = fc_dx(slope + HIDDEN_AT, parameters + net.fc_weight[0], HIDDEN, HIDDEN, c);
-    vstore8(leaky_relu_bwd(dx, vload8(0, value + last + c)), 0, slope + last + c);
+    const float8 dx = fc_dx(gradient + HIDDEN_AT, parameters + net.fc_weight[0], HIDDEN, HIDDEN, c);
+    vstore8(leaky_relu_bwd(dx, vload8(0, value + last + c)), 0, gradient + last + c);
   }
   barrier(CLK_GLOBAL_MEM_FENCE);
   for (int l = CONVS - 1; l > 0; l--) {
@@ -272,8 +272,8 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void audio_windows_bwd
     const int blocks = blocks_of(conv.in);
     for (int i = item; i < conv.length * blocks; i += GROUP) {
       const int c = i % blocks * BLOCK, to = conv_at[l - 1] + i / blocks * conv.in + c;
-      const float8 dx = conv_dx(0, slope + conv_at[l], parameters + net.conv_weight[l], conv, i / blocks, c);
-      vstore8(leaky_relu_bwd(dx, vload8(0, value + to)), 0, slope + to);
+      const float8 dx = conv_dx(0, gradient + conv_at[l], parameters + net.conv_weight[l], conv, i / blocks, c);
+      vstore8(leaky_relu_bwd(dx, vload8(0, value + to)), 0, gradient + to);
     }
     barrier(CLK_GLOBAL_MEM_FENCE);
   }
@@ -281,11 +281,11 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void audio_windows_bwd
 
 /* The gradients of AudioNet's weights. An item computes one block of eight channels of one row; blocks are numbered
  * layer by layer. */
-kernel void audio_windows_weights(SPAN(float, dparameters), SPAN(const float, slopes), SPAN(const float, dcodes),
+kernel void audio_windows_weights(SPAN(float, dparameters), SPAN(const float, gradients), SPAN(const float, dcodes),
                                   SPAN(const float, values), SPAN(const float, windows), struct audio_net net,
                                   ulong n) {
   OPEN(float, dparameters);
-  OPEN(const float, slopes);
+  OPEN(const float, gradients);
   OPEN(const float, dcodes);
   OPEN(const float, values);
   OPEN(const float, windows);
@@ -295,7 +295,7 @@ kernel void audio_windows_weights(SPAN(float, dparameters), SPAN(const float, sl
     const struct conv conv = window_conv(&net, l);
     const int blocks = blocks_of(conv.in);
     if (i < conv.out * blocks) {
-      conv_dw(dparameters + net.conv_weight[l], dparameters + net.conv_bias[l], slopes + conv_at[l], WINDOW_VALUES,
+      conv_dw(dparameters + net.conv_weight[l], dparameters + net.conv_bias[l], gradients + conv_at[l], WINDOW_VALUES,
               l > 0 ? values + conv_at[l - 1] : windows,
               l > 0 ? WINDOW_VALUES : (ulong)net.window_length * net.width, WINDOWS, conv, i / blocks,
               i % blocks * BLOCK);
@@ -306,7 +306,7 @@ kernel void audio_windows_weights(SPAN(float, dparameters), SPAN(const float, sl
   const int blocks = blocks_of(HIDDEN), c = i % blocks * BLOCK;
   const int o = i / blocks; /* the rows of the first layer, then those of the second */
   if (o < HIDDEN) {
-    fc_dw(dparameters + net.fc_weight[0], dparameters + net.fc_bias[0], slopes + HIDDEN_AT, WINDOW_VALUES,
+    fc_dw(dparameters + net.fc_weight[0], dparameters + net.fc_bias[0], gradients + HIDDEN_AT, WINDOW_VALUES,
           values + conv_at[CONVS - 1], WINDOW_VALUES, WINDOWS, HIDDEN, o, c);
   } else {
     fc_dw(dparameters + net.fc_weight[1], dparameters + net.fc_bias[1], dcodes, net.code, values + HIDDEN_AT,
@@ -360,14 +360,14 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void audio_mix(
   }
 }
 
-/* dcodes [8][A]: overwritten; slopes [ATT_VALUES]: scratch; one group.
+/* dcodes [8][A]: overwritten; gradients [ATT_VALUES]: scratch; one group.
  * dweight_t = sum_a dcode_a codes[t][a];  dscore_t = w_t (dweight_t - sum_s w_s dweight_s) */
 kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void audio_mix_bwd(
-    SPAN(float, dparameters), SPAN(float, dcodes), SPAN(float, slopes), SPAN(const float, dcode),
+    SPAN(float, dparameters), SPAN(float, dcodes), SPAN(float, gradients), SPAN(const float, dcode),
     SPAN(const float, codes), SPAN(const float, values), SPAN(const float, parameters), struct audio_net net) {
   OPEN(float, dparameters);
   OPEN(float, dcodes);
-  OPEN(float, slopes);
+  OPEN(float, gradients);
   OPEN(const float, dcode);
   OPEN(const float, codes);
   OPEN(const float, values);
@@ -375,7 +375,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void audio_mix_bwd(
   const int item = get_local_id(0), last = att_at[ATT_CONVS - 1];
   global const float *weight = values + WEIGHT_AT;
   local float dweight[WINDOWS];
-  global float *dscore = slopes + WEIGHT_AT;
+  global float *dscore = gradients + WEIGHT_AT;
   for (int i = item; i < WINDOWS * net.code; i += GROUP) dcodes[i] = weight[i / net.code] * dcode[i % net.code];
   if (item < WINDOWS) {
     float sum = 0;
@@ -394,20 +394,20 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void audio_mix_bwd(
           0);
   if (item == 0) {
     const float8 dx = fc_dx(dscore, parameters + net.att_fc_weight, WINDOWS, WINDOWS, 0);
-    vstore8(leaky_relu_bwd(dx, vload8(0, values + last)), 0, slopes + last);
+    vstore8(leaky_relu_bwd(dx, vload8(0, values + last)), 0, gradients + last);
   }
   barrier(CLK_GLOBAL_MEM_FENCE);
   for (int l = ATT_CONVS - 1; l >= 0; l--) {
     const struct conv conv = att_conv(&net, l);
     const int blocks = blocks_of(conv.in), from = l > 0 ? att_at[l - 1] : 0;
-    global const float *dy = slopes + att_at[l], *x = l > 0 ? values + from : codes;
+    global const float *dy = gradients + att_at[l], *x = l > 0 ? values + from : codes;
     for (int i = item; i < conv.out * blocks; i += GROUP) {
       conv_dw(dparameters + net.att_conv_weight[l], dparameters + net.att_conv_bias[l], dy, 0, x, 0, 1, conv,
               i / blocks, i % blocks * BLOCK);
     }
     for (int i = item; i < WINDOWS * blocks; i += GROUP) {
       const int c = i % blocks * BLOCK, left = conv.in - c, to = i / blocks * conv.in + c;
-      global float *dx = (l > 0 ? slopes + from : dcodes) + to;
+      global float *dx = (l > 0 ? gradients + from : dcodes) + to;
       const float8 start = l > 0 ? (float8)0 : block_load(dx, left);
       const float8 sum = conv_dx(start, dy, parameters + net.att_conv_weight[l], conv, i / blocks, c);
       const float8 value = block_load(x + to, left);

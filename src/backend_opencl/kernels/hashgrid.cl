@@ -37,7 +37,7 @@
 /* The table index of a cell: index = (sum or XOR over d of cell_d*multiplier_d) modulo size, multiplier_0 = 1. */
 struct level {
   float scale;
-  float slope;        /* du/dx * scale */
+  float dindex_dx;    /* du/dx * scale */
   uint mask;          /* size - 1 where the modulo is a power of two; all ones where no modulo is needed */
   uint size, offset;  /* entries */
   uint multiplier[2]; /* for dimensions 1, 2: strides of the dense index, 0 where one does not fit; or primes */
@@ -149,12 +149,12 @@ KERNEL grid_bwd_table(SPAN(float, dtable), ROWS(const float, df), POSITIONS, str
     EACH_DIM(d) x[d] = loadw_first(x_of[d] + i, count);
     const intw inside = find_corners(&at, x, &level, &grid);
     EACH_FEATURE(c) {
-      const floatw slope = WHERE(inside, loadw_first(df + (l * FEATURES + c) * df_stride + i, count), 0);
+      const floatw gradient = WHERE(inside, loadw_first(df + (l * FEATURES + c) * df_stride + i, count), 0);
       uint place[CORNERS][WIDTH];
       float part[CORNERS][WIDTH];
       EACH_CORNER(b) {
         STOREW(at.entry[b] * FEATURES + (uint)c, place[b]);
-        STOREW(corner_weight(&at, b, -1) * slope, part[b]);
+        STOREW(corner_weight(&at, b, -1) * gradient, part[b]);
       }
       for (uint s = 0; s < count; s++)
         EACH_CORNER(b) dtable[place[b][s]] += part[b][s];
@@ -169,7 +169,7 @@ KERNEL grid_bwd_table(SPAN(float, dtable), ROWS(const float, df), POSITIONS, str
   OPEN(const float, df);
   OPEN_POSITIONS;
   local uint entries[GROUP][CORNERS];
-  local float weights[GROUP][CORNERS], slopes[FEATURES][GROUP];
+  local float weights[GROUP][CORNERS], gradients[FEATURES][GROUP];
   const uint item = get_local_id(0), slices = OWNERS / GROUP;
   const uint l = (uint)get_group_id(0) / slices, owner = (uint)get_group_id(0) % slices * GROUP + item;
   const struct level level = grid.level[l];
@@ -184,12 +184,12 @@ KERNEL grid_bwd_table(SPAN(float, dtable), ROWS(const float, df), POSITIONS, str
       entries[item][b] = at.entry[b];
       weights[item][b] = corner_weight(&at, b, -1);
     }
-    EACH_FEATURE(c) slopes[c][item] = inside ? df[(l * FEATURES + c) * df_stride + i] : 0;
+    EACH_FEATURE(c) gradients[c][item] = inside ? df[(l * FEATURES + c) * df_stride + i] : 0;
     barrier(CLK_LOCAL_MEM_FENCE);
     for (uint s = 0; s < count; s++) {
       EACH_CORNER(b) {
         if (entries[s][b] % OWNERS != owner) continue;
-        EACH_FEATURE(c) dtable[entries[s][b] * FEATURES + (uint)c] += weights[s][b] * slopes[c][s];
+        EACH_FEATURE(c) dtable[entries[s][b] * FEATURES + (uint)c] += weights[s][b] * gradients[c][s];
       }
     }
     barrier(CLK_LOCAL_MEM_FENCE);
@@ -215,12 +215,12 @@ KERNEL grid_bwd_table_atomic(SPAN(float, dtable), ROWS(const float, df), POSITIO
     EACH_DIM(d) x[d] = loadw_first(x_of[d] + i, count);
     const intw inside = find_corners(&at, x, &level, &grid);
     EACH_FEATURE(c) {
-      const floatw slope = WHERE(inside, loadw_first(df + (l * FEATURES + c) * df_stride + i, count), 0);
+      const floatw gradient = WHERE(inside, loadw_first(df + (l * FEATURES + c) * df_stride + i, count), 0);
       EACH_CORNER(b) {
         uint place[WIDTH];
         float part[WIDTH];
         STOREW(at.entry[b] * FEATURES + (uint)c, place);
-        STOREW(corner_weight(&at, b, -1) * slope, part);
+        STOREW(corner_weight(&at, b, -1) * gradient, part);
         for (uint s = 0; s < count; s++)
           if (part[s] != 0) add_atomically(dtable + place[s], part[s]);
       }
@@ -228,7 +228,7 @@ KERNEL grid_bwd_table_atomic(SPAN(float, dtable), ROWS(const float, df), POSITIO
   }
 }
 
-/* dx_d += sum over levels of slope_l * sum over corners b of (b_d ? 1 : -1) * weight without d * sum_c df_c
+/* dx_d += sum over levels of dindex_dx * sum over corners b of (b_d ? 1 : -1) * weight without d * sum_c df_c
  * table[entry][c] */
 KERNEL grid_bwd_x(SPAN(float, dx0), SPAN(float, dx1), SPAN(float, dx2), ROWS(const float, df), POSITIONS,
                   SPAN(const float, table), struct grid grid, ulong n) {
@@ -262,7 +262,7 @@ KERNEL grid_bwd_x(SPAN(float, dx0), SPAN(float, dx1), SPAN(float, dx2), ROWS(con
           sum[d] = (b >> d & 1) != 0 ? sum[d] + part : sum[d] - part;
         }
       }
-      EACH_DIM(d) dx[v][d] = WHERE(inside, dx[v][d] + sum[d] * level.slope, dx[v][d]);
+      EACH_DIM(d) dx[v][d] = WHERE(inside, dx[v][d] + sum[d] * level.dindex_dx, dx[v][d]);
     }
   }
   for (ulong i = first, v = 0; i < end; i += WIDTH, v++)

@@ -195,10 +195,10 @@ INLINE void put_rows(global float *y, const ulong stride, local const float *til
 typedef enum finish {
   AS_IT_IS,
   RELU, /* max(sum, 0); NaN stays NaN, so that it is noticed */
-  SLOPE /* derivative of the ReLU: sum where the value that `out` holds is above 0 (or NaN); else 0 */
+  RELU_BWD /* derivative of the ReLU: sum where the value that `out` holds is above 0 (or NaN); else 0 */
 } finish;
 #define FINISHED(how, sum, out) \
-  (how == RELU ? (sum) < 0 ? (vf)0 : (sum) : how == SLOPE ? (out) <= 0 ? (vf)0 : (sum) : (sum))
+  (how == RELU ? (sum) < 0 ? (vf)0 : (sum) : how == RELU_BWD ? (out) <= 0 ? (vf)0 : (sum) : (sum))
 
 #if TENSOR
 /* How the strips of 16 rows, each `across` fragments wide, are shared out to the warps of a group: each is cut into
@@ -394,12 +394,12 @@ INLINE void turn(local float *to, local const float *tile, const int padded) {
 #endif
 }
 
-/* dW [rows][vectors] += slope [rows][TILE] times transposed [TILE][vectors]; rows of dW are `padded` vectors long */
-INLINE void add_block(global float *dw, local const float *slope, local const vf *transposed, const int padded,
+/* dW [rows][vectors] += gradient [rows][TILE] times transposed [TILE][vectors]; rows of dW are `padded` vectors long */
+INLINE void add_block(global float *dw, local const float *gradient, local const vf *transposed, const int padded,
                       const int rows, const int vectors) {
   SUMS;
   EACH_ROW(CLEAR_ROW)
-#define WEIGHT(r) (vf)(slope[r * TILE + i])
+#define WEIGHT(r) (vf)(gradient[r * TILE + i])
   for (int i = 0; i < TILE; i++) {
     vf value[3];
     value[0] = transposed[i * padded];
@@ -414,22 +414,22 @@ INLINE void add_block(global float *dw, local const float *slope, local const vf
   EACH_ROW(ADD_SUMS)
 }
 
-INLINE void add_rows(global float *dw, local const float *slope, local const vf *transposed, const int padded,
+INLINE void add_rows(global float *dw, local const float *gradient, local const vf *transposed, const int padded,
                      const int rows, const int column, const int vectors) {
   dw += column * LANES;
   transposed += column;
   for (int row = 0; row + BLOCK <= rows - (REST(rows) > BLOCK ? BLOCK + 1 : 0); row += BLOCK)
-    add_block(dw + row * padded * LANES, slope + row * TILE, transposed, padded, BLOCK, vectors);
+    add_block(dw + row * padded * LANES, gradient + row * TILE, transposed, padded, BLOCK, vectors);
   const int rest = rows - REST(rows);
-  if (REST(rows) > 0) add_block(dw + rest * padded * LANES, slope + rest * TILE, transposed, padded, REST(rows), vectors);
+  if (REST(rows) > 0) add_block(dw + rest * padded * LANES, gradient + rest * TILE, transposed, padded, REST(rows), vectors);
 }
 
-/* dW [outs][ins] += slope [outs][TILE] value^T [TILE][ins]: columns three vectors at a time, the last four in two
+/* dW [outs][ins] += gradient [outs][TILE] value^T [TILE][ins]: columns three vectors at a time, the last four in two
  * pairs. */
-INLINE void add_weights(global float *dw, local const vf *slope, local const vf *value, local vf *transposed,
+INLINE void add_weights(global float *dw, local const vf *gradient, local const vf *value, local vf *transposed,
                         const int outs, const int ins, const int row, const int item) {
   const int padded = row / LANES, last = padded % 3 == 1 && padded > 1 ? 4 : padded % 3;
-  local const float *from = (local const float *)slope;
+  local const float *from = (local const float *)gradient;
   turn((local float *)transposed, (local const float *)value, row);
   for (int column = 0; column < padded - last; column += 3) add_rows(dw, from, transposed, padded, outs, column, 3);
   for (int column = padded - last; column + 2 <= padded; column += 2)
@@ -439,11 +439,11 @@ INLINE void add_weights(global float *dw, local const vf *slope, local const vf 
 
 #elif TENSOR
 /* The same in strips of the outputs, or of the inputs if that takes less time. */
-INLINE void add_weights(global float *dw, local const float *slope, local const float *value, local float *transposed,
+INLINE void add_weights(global float *dw, local const float *gradient, local const float *value, local float *transposed,
                         const int outs, const int ins, const int row, const int item) {
   const int by_outs = parts_of(UP(outs, 16), UP(ins, 8)), by_ins = parts_of(UP(ins, 16), UP(outs, 8));
   const bool turned = cost(UP(ins, 16), UP(outs, 8), by_ins) < cost(UP(outs, 16), UP(ins, 8), by_outs);
-  local const float *const a = turned ? value : slope, *const b = turned ? slope : value;
+  local const float *const a = turned ? value : gradient, *const b = turned ? gradient : value;
   const int rows = turned ? ins : outs, columns = turned ? outs : ins, parts = turned ? by_ins : by_outs;
   const int strips = UP(rows, 16), wide = UP(UP(columns, 8), parts);
   for (int units = 0; units < strips * parts; units += WARPS) {
@@ -470,7 +470,7 @@ INLINE void add_weights(global float *dw, local const float *slope, local const 
 #else
 /* The same on a GPU: an item computes 4 x 4 sums. Their rows and columns are apart, so that neighbouring items read
  * neighbouring elements. */
-INLINE void add_weights(global float *dw, local const float *slope, local const float *value, local float *transposed,
+INLINE void add_weights(global float *dw, local const float *gradient, local const float *value, local float *transposed,
                         const int outs, const int ins, const int row, const int item) {
   const int down = (outs + 3) / 4, across = (ins + 3) / 4;
   for (int block = item; block < down * across; block += GROUP) {
@@ -479,7 +479,7 @@ INLINE void add_weights(global float *dw, local const float *slope, local const 
     for (int i = 0; i < TILE; i++) {
       float s[4], x[4];
 #pragma unroll
-      for (int q = 0; q < 4; q++) s[q] = slope[min(j + q * down, outs - 1) * LINE + i];
+      for (int q = 0; q < 4; q++) s[q] = gradient[min(j + q * down, outs - 1) * LINE + i];
 #pragma unroll
       for (int q = 0; q < 4; q++) x[q] = value[min(k + q * across, ins - 1) * LINE + i];
 #pragma unroll
@@ -553,7 +553,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void mlp_bwd(GRADIENTS
 #define LAYER_BWD(l, next)                                                                                           \
   WAIT add_weights(own + G##l, values + V##next * LINE, values + V##l * LINE, transposed, C##next, C##l, E##l,        \
                    ITEM(LAYERS + l));                                                                                \
-  WAIT if (l > 0) product(SLOPE, values + V##l * LINE, values + V##next * LINE, w + A##l, 1, C##l, C##l, C##next,     \
+  WAIT if (l > 0) product(RELU_BWD, values + V##l * LINE, values + V##next * LINE, w + A##l, 1, C##l, C##l, C##next,     \
                           ITEM(2 * LAYERS + l) STAGED);
     JOIN(DOWN_, LAYERS)(LAYER_BWD)
 #if DX_ROWS > 0

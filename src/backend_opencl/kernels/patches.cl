@@ -80,10 +80,10 @@ kernel void patch_columns(SPAN(float, between), SPAN(const float, x), SPAN(const
   for (ulong q = 0; q < 5; q++) between[q * total + i] = sum[q];
 }
 
-/* slope [4][total]: derivatives of the sum of SSIM with respect to A x, A x^2, A xy; then 1 - SSIM */
-kernel void patch_slopes(SPAN(float, slope), SPAN(const float, between), SPAN(const float, base),
+/* gradient [4][total]: derivatives of the sum of SSIM with respect to A x, A x^2, A xy; then 1 - SSIM */
+kernel void patch_gradients(SPAN(float, gradient), SPAN(const float, between), SPAN(const float, base),
                          SPAN(const float, filter), ulong side, ulong total) {
-  OPEN(float, slope);
+  OPEN(float, gradient);
   OPEN(const float, between);
   OPEN(const float, base);
   OPEN(const float, filter);
@@ -97,40 +97,40 @@ kernel void patch_slopes(SPAN(float, slope), SPAN(const float, between), SPAN(co
   const float n1 = 2 * mx * my + 1e-4f, n2 = 2 * vxy + 9e-4f, d1 = mx * mx + my * my + 1e-4f, d2 = vx + vy + 9e-4f;
   const float product = d1 * d2, ssim = n1 * n2 / product;
   const float by_n1 = n2 / product, by_n2 = n1 / product, by_d1 = ssim / d1, by_d2 = ssim / d2;
-  slope[i] = 2 * (by_n1 * my - by_d1 * mx) + 2 * (by_d2 * ux - by_n2 * uy);
-  slope[total + i] = -by_d2;
-  slope[2 * total + i] = 2 * by_n2;
-  slope[3 * total + i] = 1 - ssim;
+  gradient[i] = 2 * (by_n1 * my - by_d1 * mx) + 2 * (by_d2 * ux - by_n2 * uy);
+  gradient[total + i] = -by_d2;
+  gradient[2 * total + i] = 2 * by_n2;
+  gradient[3 * total + i] = 1 - ssim;
 }
 
 /* figure[line] = factor times the sum of 1 - SSIM over a line; lines: planes * side */
-kernel void patch_sums(SPAN(float, figure), SPAN(const float, slope), float factor, ulong side, ulong total) {
+kernel void patch_sums(SPAN(float, figure), SPAN(const float, gradient), float factor, ulong side, ulong total) {
   OPEN(float, figure);
-  OPEN(const float, slope);
+  OPEN(const float, gradient);
   const ulong line = get_global_id(0);
   if (line >= total / side) return;
   float sum = 0;
-  for (ulong c = 0; c < side; c++) sum += slope[3 * total + line * side + c];
+  for (ulong c = 0; c < side; c++) sum += gradient[3 * total + line * side + c];
   figure[line] = factor * sum;
 }
 
-/* between [3][total] = A^T applied along columns to the first three slopes */
-kernel void patch_columns_bwd(SPAN(float, between), SPAN(const float, slope), SPAN(const float, filter), ulong side,
+/* between [3][total] = A^T applied along columns to the first three gradients */
+kernel void patch_columns_bwd(SPAN(float, between), SPAN(const float, gradient), SPAN(const float, filter), ulong side,
                               ulong total) {
   OPEN(float, between);
-  OPEN(const float, slope);
+  OPEN(const float, gradient);
   OPEN(const float, filter);
   const ulong i = get_global_id(0), r = i / side % side, c = i % side, plane = i - r * side - c;
   if (i >= total) return;
   float sum[3] = {0, 0, 0};
   for (ulong k = FIRST(r); k < PAST(r, side); k++)
-    for (ulong q = 0; q < 3; q++) sum[q] += filter[k * side + r] * slope[q * total + plane + k * side + c];
+    for (ulong q = 0; q < 3; q++) sum[q] += filter[k * side + r] * gradient[q * total + plane + k * side + c];
   for (ulong q = 0; q < 3; q++) between[q * total + i] = sum[q];
 }
 
 /* The gradient of a pixel of a scale: its own, and a quarter of the gradient of the pixel that contains it in the next
  * scale (`smaller`; null: none). */
-float slope_of(global const float *x, global const float *y, global const float *between, global const float *filter,
+float gradient_of(global const float *x, global const float *y, global const float *between, global const float *filter,
                global const float *smaller, float factor, ulong side, ulong total, ulong i) {
   const ulong r = i / side % side, c = i % side, line = i - c, plane = i / (side * side);
   float of[3] = {0, 0, 0};
@@ -149,7 +149,7 @@ kernel void patch_bwd(SPAN(float, d), SPAN(const float, x), SPAN(const float, y)
   OPEN(const float, filter);
   OPEN(const float, smaller);
   const ulong i = get_global_id(0);
-  if (i < total) d[i] = slope_of(x, y, between, filter, smaller, factor, side, total, i);
+  if (i < total) d[i] = gradient_of(x, y, between, filter, smaller, factor, side, total, i);
 }
 
 /* The same for the patch at full size, added to the gradient of its rays. */
@@ -165,5 +165,5 @@ kernel void patch_rays_bwd(ROWS(float, dpixel), SPAN(const float, x), SPAN(const
   const ulong i = get_global_id(0), n = side * side, p = i / n;
   if (i >= total) return;
   dpixel[p % 3 * dpixel_stride + p / 3 * n + i % n] +=
-      slope_of(x, y, between, filter, smaller, factor, side, total, i);
+      gradient_of(x, y, between, filter, smaller, factor, side, total, i);
 }

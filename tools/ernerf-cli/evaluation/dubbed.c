@@ -59,7 +59,7 @@ static bool in_band(const ern_clip_frame *frame, float most, int x, int y) {
   return false;
 }
 
-static double slope(const float *grey, int width, size_t i) {
+static double squared_gradient(const float *grey, int width, size_t i) {
   return hypot((double)(grey[i + 1] - grey[i - 1]), (double)(grey[i + (size_t)width] - grey[i - (size_t)width]));
 }
 
@@ -71,7 +71,7 @@ static void add_pixel(struct dubbed *d, const float *const grey[2], const float 
   }
   d->values += 3;
   for (size_t k = 0; k < 2; k++) {
-    d->gradient[k] += slope(grey[k], d->width, i);
+    d->gradient[k] += squared_gradient(grey[k], d->width, i);
     if (follows) d->change[k] += fabs((double)(grey[k][i] - d->grey[k][i]));
   }
 }

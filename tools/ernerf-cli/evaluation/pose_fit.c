@@ -76,8 +76,8 @@ static double cost_of(const struct search *search, const float *rgb) {
   return cost;
 }
 
-/* slopes[k] = d rgb/d q_k at the pose, q in units of a probe; rows of pixels as in the picture. */
-static int find_slopes(struct search *search, const float pose[16], float *const slopes[N]) {
+/* jacobian[k] = d rgb/d q_k at the pose, q in units of a probe; rows of pixels as in the picture. */
+static int find_jacobian(struct search *search, const float pose[16], float *const jacobian[N]) {
   for (int k = 0; k < N; k++) {
     float moved[16];
     double by[N] = {0};
@@ -87,20 +87,21 @@ static int find_slopes(struct search *search, const float pose[16], float *const
     by[k] = -search->unit[k];
     move_camera(moved, pose, by);
     if (draw(search, moved, search->low) != 0) return EXIT_FAILURE;
-    for (size_t i = 0; i < search->values; i++) slopes[k][i] = (search->high[i] - search->low[i]) / 2;
+    for (size_t i = 0; i < search->values; i++) jacobian[k][i] = (search->high[i] - search->low[i]) / 2;
   }
   return 0;
 }
 
 /* Builds the normal equations sum w J J^T q = -sum w J r; the last column is the right-hand side. */
-static void add_up(const struct search *search, const float *rgb, float *const slopes[N], double equations[N][N + 1]) {
+static void add_up(const struct search *search, const float *rgb, float *const jacobian[N],
+                   double equations[N][N + 1]) {
   memset(equations, 0, N * sizeof *equations);
   for (size_t i = 0; i < search->values; i++) {
     if (!counts(search, i)) continue;
     const double residual = (double)rgb[i] - (double)search->truth[i], weight = weight_of(residual);
     for (int a = 0; a < N; a++) {
-      for (int b = 0; b < N; b++) equations[a][b] += weight * (double)slopes[a][i] * (double)slopes[b][i];
-      equations[a][N] -= weight * (double)slopes[a][i] * residual;
+      for (int b = 0; b < N; b++) equations[a][b] += weight * (double)jacobian[a][i] * (double)jacobian[b][i];
+      equations[a][N] -= weight * (double)jacobian[a][i] * residual;
     }
   }
 }
@@ -172,16 +173,16 @@ static int take_step(struct search *search, const float start[16], float pose[16
 }
 
 static int iterate(struct search *search, float *memory, struct pose_fit *fit) {
-  float *slopes[N], *rgb = memory, start[16];
-  for (size_t k = 0; k < N; k++) slopes[k] = memory + (1 + k) * search->values;
+  float *jacobian[N], *rgb = memory, start[16];
+  for (size_t k = 0; k < N; k++) jacobian[k] = memory + (1 + k) * search->values;
   memcpy(start, search->input.head_pose != NULL ? search->input.head_pose : search->input.camera.pose, sizeof start);
   memcpy(fit->pose, start, sizeof start);
   if (draw(search, start, rgb) != 0) return EXIT_FAILURE;
   search->best = cost_of(search, rgb);
   for (int i = 0; i < ITERATIONS; i++) {
     double equations[N][N + 1], q[N], length;
-    if (find_slopes(search, fit->pose, slopes) != 0) return EXIT_FAILURE;
-    add_up(search, rgb, slopes, equations);
+    if (find_jacobian(search, fit->pose, jacobian) != 0) return EXIT_FAILURE;
+    add_up(search, rgb, jacobian, equations);
     if (!solve(equations, q)) break;
     if (take_step(search, start, fit->pose, rgb, q, &length) != 0) return EXIT_FAILURE;
     if (length * probe_turn < still_turn && length * probe_move < still_move) break;
@@ -210,7 +211,7 @@ static int take_truth(struct search *search, size_t k) {
 
 int pose_fit(struct evaluation *evaluation, ern_renderer *renderer, const ern_model *model, size_t k,
              struct pose_fit *fit) {
-  enum { PICTURES = N + 4 }; /* slopes; the recorded frame, the best, two of a central difference */
+  enum { PICTURES = N + 4 }; /* jacobian; the recorded frame, the best, two of a central difference */
   const int width = evaluation->info.width, height = evaluation->info.height;
   struct search search = {.evaluation = evaluation,
                           .renderer = renderer,
