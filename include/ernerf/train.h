@@ -170,7 +170,7 @@ typedef struct ern_train_config {
                                network that weighs the 8 windows of speech, audio_att_net (5e-3) */
   int codes;        /* rows of the individual codes: -1 (default): one a training frame; 0: no codes; else at least as
                        many as training frames, at most 1e6. With `from`, the first rows are copied from the file; rows
-                       that it lacks are initialised anew. A torso with `head` has as many as that head, but at least
+                       that it lacks are initialised. A torso with `head` has as many as that head, but at least
                        one a training frame, and none where the head has none */
   bool torso_gamma; /* train gamma (ern_model_info.has_gamma), as in the paper; false: it is 1 */
   bool torso_random_background; /* true (default): a torso is learnt over a random colour for each ray of each step, so

@@ -213,10 +213,10 @@ static ern_status check_packet(struct ern_decoder *decoder) {
   const char *format = decoder->container->iformat->name;
   if ((decoder->packet->flags & AV_PKT_FLAG_CORRUPT) == 0) return ERN_OK;
   if (strcmp(format, "mpegts") != 0) return ern_truncation_check_packet(decoder->context, decoder->path, format);
-  if (!decoder->told_lost)
+  if (!decoder->reported_lost)
     ern_log(decoder->context, ERN_LOG_WARNING,
             "%s: has lost or damaged packets, or is several files in one; what is there is taken", decoder->path);
-  decoder->told_lost = true;
+  decoder->reported_lost = true;
   return ERN_OK;
 }
 

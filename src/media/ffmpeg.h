@@ -40,8 +40,8 @@ struct ern_decoder {
   AVPacket *packet;
   AVFrame *frame; /* the one decoded last */
   AVStream *stream;
-  bool drained;   /* the file has ended and the codec is being flushed */
-  bool told_lost; /* of packets, in the log */
+  bool drained;       /* the file has ended and the codec is being flushed */
+  bool reported_lost; /* of packets, in the log */
 };
 /* The input of a decoder that does not open a file by its path. */
 struct ern_decoder_input {

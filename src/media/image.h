@@ -13,7 +13,7 @@
 ERN_NODISCARD ern_status ern_image_make(ern_context *context, const char *what, int width, int height, int channels,
                                         ern_image *image);
 
-/* Makes *image anew where its size or number of channels is another. */
+/* Makes *image again where its size or number of channels is another. */
 ERN_NODISCARD ern_status ern_image_fit(ern_context *context, const char *what, int width, int height, int channels,
                                        ern_image *image);
 

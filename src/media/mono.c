@@ -56,7 +56,7 @@ bool ern_mono_mix(struct ern_mono *mono, float *to, const float *samples, int ch
   choose(mono, channels);
   if (mono->taken == 0) return false;
   for (size_t i = 0; i < frames; i++) to[i] = samples[i * (size_t)channels + (size_t)mono->taken - 1];
-  const bool first = !mono->told;
-  mono->told = true;
+  const bool first = !mono->reported;
+  mono->reported = true;
   return first;
 }

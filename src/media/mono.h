@@ -14,7 +14,7 @@ enum { ERN_MONO_MOST = 8 /* channels */ };
 struct ern_mono {
   double energy[ERN_MONO_MOST], of_sum; /* of the last half second, sums of squares with weights that decay */
   int taken;                            /* 0: none, else 1 + the channel */
-  bool told;
+  bool reported;
 };
 
 /* to[frames], samples[frames][channels]. Returns true where a channel is taken for the first time: say so. */

@@ -14,7 +14,7 @@ enum {
   MAX_SILENCE = 3600 /* s */,
   MOST_SOUND_HOURS = 4,
   SILENCE_BLOCK = 4096,
-  MOST_TOLD = 10 /* log messages */
+  MOST_REPORTED = 10 /* log messages */
 };
 
 /* Seconds. A timestamp error below TOLERATED is ignored: containers round times, and an offset of one picture at 25 a
@@ -61,12 +61,12 @@ static ern_status find_silence(struct ern_sound_decoder *sound) {
   return ERN_OK;
 }
 
-/* Logs an irregular timestamp, at most MOST_TOLD times a file. */
+/* Logs an irregular timestamp, at most MOST_REPORTED times a file. */
 static void log_times(struct ern_sound_decoder *sound, const char *what, double from, double to) {
-  if (sound->told == MOST_TOLD) return;
-  sound->told++;
+  if (sound->reported == MOST_REPORTED) return;
+  sound->reported++;
   ern_log(sound->decoder.context, ERN_LOG_WARNING, "%s: at %.3f s %s %.3f s%s", sound->decoder.path, from, what, to,
-          sound->told == MOST_TOLD ? "; further places are not reported" : "");
+          sound->reported == MOST_REPORTED ? "; further places are not reported" : "");
 }
 
 static void exchange_frames(struct ern_sound_decoder *sound) {

@@ -20,7 +20,7 @@ struct ern_sound_decoder {
   double begin;   /* s: the file's time of frame 0 */
   bool has_begin;
   uint64_t position; /* frames so far, with silence */
-  int told;          /* warnings logged about irregular timestamps */
+  int reported;      /* warnings logged about irregular timestamps */
   AVFrame *ahead;    /* the piece after the last one, where its timestamp was needed */
   bool has_ahead, ends_ahead;
 };

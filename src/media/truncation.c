@@ -23,7 +23,7 @@ static bool wav_data(const char *path, uint32_t *claimed, uint64_t *there, bool 
   FILE *file = fopen(path, "rb");
   if (file == NULL) return false;
   bool read = fread(head, 1, 12, file) == 12 && memcmp(head, "RIFF", 4) == 0 && memcmp(head + 8, "WAVE", 4) == 0;
-  const uint64_t said = (uint64_t)little(head + 4) + 8;
+  const uint64_t declared = (uint64_t)little(head + 4) + 8;
   while (read && !found) {
     read = fread(head, 1, 8, file) == 8;
     if (!read) break;
@@ -36,7 +36,7 @@ static bool wav_data(const char *path, uint32_t *claimed, uint64_t *there, bool 
   found = found && fseeko(file, 0, SEEK_END) == 0 && begin >= 0 && ftello(file) >= begin;
   if (found) {
     *there = (uint64_t)(ftello(file) - begin);
-    *whole = (uint64_t)ftello(file) == said;
+    *whole = (uint64_t)ftello(file) == declared;
   }
   fclose(file);
   return found;

@@ -136,9 +136,9 @@ static ern_status read_view(ern_context *context, const json_t *root, const char
                        {"scale", ERN_LEAST_SCALE, ERN_MOST_SCALE}};
   double number[NUMBERS];
   const json_t *pad = json_object_get(root, "audio_pad");
-  bool said = pad != NULL;
-  for (int i = 0; i < NUMBERS; i++) said |= json_object_get(root, fields[i].name) != NULL;
-  if (!said) return ERN_OK;
+  bool present = pad != NULL;
+  for (int i = 0; i < NUMBERS; i++) present |= json_object_get(root, fields[i].name) != NULL;
+  if (!present) return ERN_OK;
   for (int i = 0; i < NUMBERS; i++) {
     const json_t *value = json_object_get(root, fields[i].name);
     number[i] = json_number_value(value);

@@ -22,7 +22,7 @@ static ern_status advance(struct ern_footage *f) {
     if (f->has_now && f->has_next && f->next_at < f->now_at - BEGINS_ANEW)
       return ern_fail(f->job->context, ERN_E_FORMAT,
                       "%s: the times of its pictures go back from %.3f s to %.3f s, expected times that rise: its "
-                      "parts need to be joined anew, as with FFmpeg's concat",
+                      "parts need to be joined again, as with FFmpeg's concat",
                       f->job->video, f->now_at, f->next_at);
   } while (f->has_now && f->has_next && f->next_at <= f->now_at); /* skips a frame whose time is not later */
   return status;

@@ -159,7 +159,7 @@ static ern_status check_head(const ern_trainer *t, const ern_model *head) {
     return ern_fail(t->context, ERN_E_MISMATCH,
                     "train: the head was trained on windows of %d vectors of speech, the clip's have %d", length,
                     t->data.features->window_length);
-  /* The torso's own shrink is chosen anew. */
+  /* The torso's own shrink is chosen again. */
   const ern_status status = ern_trainer_check_view(t, "the head", &head->view, false, true);
   if (status != ERN_OK) return status;
   if (head->clip[0] == 0)

@@ -12,22 +12,22 @@ fail() { echo "dub.sh: $1" >&2; exit 1; }
 "$ERNERF" synth truth --size 256 --frames 75 --seed 3 --video person.mp4 --quiet
 "$ERNERF" synth other --size 64 --frames 50 --seed 4 --quiet
 status=0
-"$dub" person.mp4 none.wav -o new.mp4 2> said.log || status=$?
-[ "$status" = 1 ] && grep -q 'none.wav: there is no such file' said.log || fail "none.wav was taken"
+"$dub" person.mp4 none.wav -o new.mp4 2> err.log || status=$?
+[ "$status" = 1 ] && grep -q 'none.wav: there is no such file' err.log || fail "none.wav was taken"
 status=0
-"$dub" person.mp4 other/aud.wav -o new.txt 2> said.log || status=$?
-[ "$status" = 2 ] && grep -q 'new.txt, expected a video' said.log || fail "new.txt was taken for a video"
+"$dub" person.mp4 other/aud.wav -o new.txt 2> err.log || status=$?
+[ "$status" = 2 ] && grep -q 'new.txt, expected a video' err.log || fail "new.txt was taken for a video"
 echo mine > mine.mp4
 status=0
-"$dub" person.mp4 other/aud.wav -o mine.mp4 2> said.log || status=$?
+"$dub" person.mp4 other/aud.wav -o mine.mp4 2> err.log || status=$?
 [ "$status" = 1 ] && [ "$(cat mine.mp4)" = mine ] || fail "mine.mp4 was replaced"
 ln -s person.mp4 link.mp4
 ln person.mp4 same.mp4
 ln other/aud.wav words.mp4
 for input in ./person.mp4 link.mp4 same.mp4 words.mp4; do
   status=0
-  "$dub" person.mp4 other/aud.wav -o $input -y 2> said.log || status=$?
-  [ "$status" = 1 ] && grep -q "$input: is an input (.*), expected another name" said.log || fail "$input was taken as the output"
+  "$dub" person.mp4 other/aud.wav -o $input -y 2> err.log || status=$?
+  [ "$status" = 1 ] && grep -q "$input: is an input (.*), expected another name" err.log || fail "$input was taken as the output"
 done
 rm link.mp4 same.mp4 words.mp4
 [ ! -e person ] || fail "work was begun"
@@ -43,6 +43,6 @@ sed -i '/^--head-only \|^--for /d' person/portrait.txt # as of tools/portrait wi
 [ "$model" = "$(sha256sum < person/portrait.safetensors)" ] || fail "a finished portrait was trained again"
 [ "$(stat -c %s cut.mp4)" -lt "$(stat -c %s new.mp4)" ] || fail "--rest cut is as long as the video"
 status=0
-"$dub" person.mp4 other/aud.wav -o cut.mp4 -y --size 128 2> said.log || status=$?
-[ "$status" = 2 ] && grep -q 'is a finished portrait, expected no --size' said.log || fail "--size was ignored"
+"$dub" person.mp4 other/aud.wav -o cut.mp4 -y --size 128 2> err.log || status=$?
+[ "$status" = 2 ] && grep -q 'is a finished portrait, expected no --size' err.log || fail "--size was ignored"
 echo "dub.sh: passed"

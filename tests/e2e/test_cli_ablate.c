@@ -98,7 +98,7 @@ static void ablate_again(const char *folder, const char *more, double *psnr, dou
   json_decref(object);
 }
 
-/* All trainings are done: a second call evaluates them anew and finds the same, also in the seconds behind them.
+/* All trainings are done: a second call evaluates them again and finds the same, also in the seconds behind them.
  * Another rate is another training. */
 static void test_resume_long(void **state) {
   (void)state;

@@ -223,9 +223,9 @@ static void test_refused(void **state) {
   cli_expect(&cli, 0, NULL);
   cli_run(&cli, "join parts -o refused.mp4");
   cli_expect(&cli, 1, "parts/003.mp4: is of 48 x 48 pixels", NULL);
-  support_write_text("parts/003.mp4", "no video"); /* made anew, and its file is about the one before */
+  support_write_text("parts/003.mp4", "no video"); /* made again, and its file is about the one before */
   cli_run(&cli, "join parts --wav clip/aud.wav -o refused.mp4");
-  cli_expect(&cli, 1, "parts/003.mp4.provenance.json: sha256 is", "which was made anew since", NULL);
+  cli_expect(&cli, 1, "parts/003.mp4.provenance.json: sha256 is", "which was made again since", NULL);
   support_clear("parts/003.mp4.provenance.json");
   cli_run(&cli, "join parts -o refused.mp4");
   cli_expect(&cli, 1, "parts/003.mp4: cannot read it as sound or video", NULL);

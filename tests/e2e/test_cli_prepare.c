@@ -248,7 +248,7 @@ static void test_second_call_long(void **state) {
     snprintf(line, sizeof line, "grep -q ', %s0*$' clip/au.csv", lids[i]);
     assert_int_equal(system(line), 0);
   }
-  /* a file of a brought folder, written anew in place */
+  /* a file of a brought folder, rewritten in place */
   assert_int_equal(system("rm -rf masks && cp -r clip/parsing masks"), 0);
   for (int i = 0; i < 3; i++) {
     const long long before_this = changed("clip/bc.jpg");

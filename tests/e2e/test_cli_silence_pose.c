@@ -200,32 +200,32 @@ static void test_words(void **state) {
 }
 
 /* A clip in which silence cannot be recognised, and a speech in features of another kind, are drawn all the same; it is
- * said.
+ * speech.
  */
-static void test_untold(void **state) {
+static void test_unrecognised(void **state) {
   (void)state;
-  static struct made_speech said;
+  static struct made_speech speech;
   ern_context *context = support_context();
-  made_speech(&said, LENGTH, WIDTH, 3, (const int[]){MADE_FRAMES});
+  made_speech(&speech, LENGTH, WIDTH, 3, (const int[]){MADE_FRAMES});
   support_clear("loud");
   cli_copy("clip", "loud");
   support_clear("loud/aud_ds.npy");
   support_clear("loud/aud.wav");
-  write_features(context, "loud/aud_ds.npy", &said);
+  write_features(context, "loud/aud_ds.npy", &speech);
   cli_run(&cli, "render m.safetensors --clip loud --audio speech.npy --frames 58:60 -y -o x%%d.png");
   cli_expect(&cli, 0, "loud: silence cannot be recognised", "follows the speech alone", "differ by", NULL);
-  free(said.features.data);
-  made_speech(&said, LENGTH, WIDTH + 1, 3, (const int[]){MADE_FRAMES});
+  free(speech.features.data);
+  made_speech(&speech, LENGTH, WIDTH + 1, 3, (const int[]){MADE_FRAMES});
   support_clear("loud/aud_ds.npy");
-  write_features(context, "loud/aud_ds.npy", &said);
+  write_features(context, "loud/aud_ds.npy", &speech);
   cli_run(&cli, "render m.safetensors --clip loud --audio speech.npy --frames 58:60 -y -o x%%d.png");
   cli_expect(&cli, 0, "aud_ds.npy: 30 wide", "are 29", "follows the speech alone", NULL);
-  free(said.features.data);
+  free(speech.features.data);
   ern_context_free(&context);
 }
 
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_silence), cmocka_unit_test(test_words),
-                                     cmocka_unit_test(test_untold)};
+                                     cmocka_unit_test(test_unrecognised)};
   return cmocka_run_group_tests(tests, make_model, NULL);
 }

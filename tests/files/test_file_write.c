@@ -213,7 +213,8 @@ static void test_killed_between_names(void **state) {
   assert_false(is_there("d/g.ernerf-tmp"));
 }
 
-/* The temporary file is removed while it is written, and another writer makes it anew: its half is not put in place. */
+/* The temporary file is removed while it is written, and another writer makes it again: its half is not put in place.
+ */
 static void test_taken_away(void **state) {
   (void)state;
   struct ern_file_writer first, second;

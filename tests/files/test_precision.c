@@ -8,8 +8,8 @@
 enum { STEPS = 6, RAYS = 200 };
 
 static struct made made;
-static ern_backend *fast, *plain; /* avx512bf16, NULL: not of this machine; another of the CPU's */
-static char told[SUPPORT_LINES];  /* warnings */
+static ern_backend *fast, *plain;    /* avx512bf16, NULL: not of this machine; another of the CPU's */
+static char reported[SUPPORT_LINES]; /* warnings */
 
 static ern_status open_backend(ern_backend **backend, const char *isa) {
   ern_backend_config config = ern_backend_config_default();
@@ -109,9 +109,9 @@ static void test_same_bytes(void **state) {
     train_to("other.safetensors", ERN_PRECISION_AUTO, threads, 0, 0);
     expect_same("one.safetensors", "other.safetensors");
   }
-  told[0] = 0;
+  reported[0] = 0;
   train_to("other.safetensors", ERN_PRECISION_BF16, 2, 3, ERN_PRECISION_DEFAULT);
-  assert_string_equal(told, "");
+  assert_string_equal(reported, "");
   assert_true(same_values("one.safetensors", "other.safetensors"));
   support_ok(made.context, ern_train_state_describe(made.context, "other.safetensors", &about, &info));
   assert_int_equal(about.precision, ERN_PRECISION_BF16);
@@ -119,16 +119,16 @@ static void test_same_bytes(void **state) {
   assert_true(same_values("float.safetensors", "other.safetensors"));
   support_ok(made.context, ern_train_state_describe(made.context, "other.safetensors", &about, &info));
   assert_int_equal(about.precision, ERN_PRECISION_FP32);
-  assert_string_equal(told, "");
+  assert_string_equal(reported, "");
 }
 
 /* Asked for, a resume goes on otherwise and says so; where its machine cannot, it is refused. */
 static void test_changed(void **state) {
   (void)state;
   if (fast == NULL) skip();
-  told[0] = 0;
+  reported[0] = 0;
   train_to("changed.safetensors", ERN_PRECISION_FP32, 2, 3, ERN_PRECISION_BF16);
-  assert_string_equal(told, "changed.run/state.safetensors: precision was fp32, going on with bf16\n");
+  assert_string_equal(reported, "changed.run/state.safetensors: precision was fp32, going on with bf16\n");
   ern_train_config config = config_of(ERN_PRECISION_DEFAULT, "changed.safetensors");
   config.overwrite = false;
   config.resume = true;
@@ -174,7 +174,7 @@ static int open_all(void **state) {
   ern_backend_free(&made.backend);
   ern_context_free(&made.context);
   ern_context_config config = ern_context_config_default();
-  config.user = told;
+  config.user = reported;
   config.log = support_keep_warnings;
   assert_int_equal(ern_context_create(&made.context, &config), ERN_OK);
   support_ok(made.context, open_backend(&made.backend, "ref"));

@@ -85,7 +85,7 @@ static void test_entry(void **state) {
   assert_string_equal(ern_last_error(context), "");
 }
 
-/* Cut, flipped or another device's file: no entry, and written anew. */
+/* Cut, flipped or another device's file: no entry, and rewritten. */
 static void test_damage(void **state) {
   struct ern_cl_measured measured[ERN_CL_TUNABLE_COUNT];
   uint8_t *bytes = NULL;

@@ -7,7 +7,7 @@ portrait=$1 folder=$2
 rm -rf "$folder"
 mkdir -p "$folder"
 cd "$folder"
-fail() { echo "portrait_stopped.sh: $1" >&2; cat said.log calls.log >&2; exit 1; }
+fail() { echo "portrait_stopped.sh: $1" >&2; cat err.log calls.log >&2; exit 1; }
 export ERNERF=$folder/ernerf TRAIN=0 MINE=
 cat > ernerf << 'END'
 #!/usr/bin/env bash
@@ -25,7 +25,7 @@ esac
 END
 chmod +x ernerf
 echo video > person.mp4
-made() { bash "$portrait" person.mp4 -o "$@" > said.log 2>&1; }
+made() { bash "$portrait" person.mp4 -o "$@" > err.log 2>&1; }
 
 # refused before any work: other options may follow
 TRAIN=2 made made && fail "a training that was refused was taken for done"
@@ -39,14 +39,14 @@ for name in head.run/state.next head.run/state.previous run/state.next; do
   mkdir "half/portrait.${name%/*}"
   touch "half/portrait.$name.safetensors"
   made half || fail "$name: it did not go on"
-  tail -n 2 calls.log | grep -q '^train.* --resume' || fail "$name: trained anew"
+  tail -n 2 calls.log | grep -q '^train.* --resume' || fail "$name: trained again"
 done
 
 # a user's own file in the place of one that an earlier call wrote
 made made --minutes 5 || fail "it did not go on"
 echo mine > made/eval.json
 made made --minutes 5 && fail "a user's file was replaced"
-[ "$(cat made/eval.json)" = mine ] && grep -q 'eval.json: is not what' said.log || fail "a user's file"
+[ "$(cat made/eval.json)" = mine ] && grep -q 'eval.json: is not what' err.log || fail "a user's file"
 rm made/eval.json made/unseen.mp4
 made made --minutes 5 || fail "it did not draw again what was removed"
 
@@ -62,7 +62,7 @@ cmp other/portrait.safetensors.clip made/portrait.safetensors.clip || fail "with
 # stopped alone: the program is stopped too, and the script ends after it
 for signal in TERM HUP; do
   : > calls.log
-  TRAIN=wait bash "$portrait" person.mp4 -o "stop_$signal" > said.log 2>&1 &
+  TRAIN=wait bash "$portrait" person.mp4 -o "stop_$signal" > err.log 2>&1 &
   for tries in {1..100}; do ! grep -q waits calls.log || break; sleep 0.1; done
   status=0
   kill -s "$signal" $!

@@ -63,7 +63,7 @@ static void make(struct head *h, double spread, double noise, double outliers) {
                                   .poses = h->bundled};
 }
 
-/* Greatest error of a rotation, degrees. All poses start anew where the step starts them: at their neighbour's. */
+/* Greatest error of a rotation, degrees. All poses start again where the step starts them: at their neighbour's. */
 static double adjust(struct head *h, int rounds) {
   size_t chosen[FRAMES], seen = 0;
   double most = 0;

@@ -24,7 +24,7 @@ static void shut(int *lock) {
   *lock = -1;
 }
 
-/* A step is done with the settings it was done with; what is behind it is forgotten when it is done anew. */
+/* A step is done with the settings it was done with; what is behind it is forgotten when it is done again. */
 static void test_steps(void **state) {
   (void)state;
   struct made_job m;

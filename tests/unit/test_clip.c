@@ -260,7 +260,7 @@ static void test_features_choice(void **state) {
   ern_context_free(&context);
 }
 
-/* Breaks one thing, expects the words, and mends it by making the clip anew. */
+/* Breaks one thing, expects the words, and mends it by making the clip again. */
 static void expect_broken(ern_context *context, ern_status status, const char *first, const char *second) {
   ern_clip *clip = NULL;
   support_expect(context, ern_clip_open(context, "broken", NULL, &clip), status, first, second, NULL);

@@ -6,9 +6,9 @@
 
 /* Steps of `count` at about `psnr` dB, each up to `spread` off; how often the fall was told. */
 static int run(struct ern_divergence *divergence, int count, double psnr, double spread) {
-  int told = 0;
-  for (int i = 0; i < count; i++) told += ern_divergence_step(divergence, psnr + spread * sin(1.7 * i));
-  return told;
+  int reported = 0;
+  for (int i = 0; i < count; i++) reported += ern_divergence_step(divergence, psnr + spread * sin(1.7 * i));
+  return reported;
 }
 
 static void test_even_and_uneven(void **state) {

@@ -5,11 +5,11 @@
 #include "train/trainer.h"
 
 static struct made made;
-static char told[4096];
+static char reported[4096];
 
 static void keep_line(void *user, ern_log_level level, const char *line) {
   (void)user;
-  if (level <= ERN_LOG_INFO) snprintf(told, sizeof told, "%s", line);
+  if (level <= ERN_LOG_INFO) snprintf(reported, sizeof reported, "%s", line);
 }
 
 /* Trained on 3 of the frames: early.safetensors, and its state. */
@@ -80,8 +80,8 @@ static void test_to_a_longer_clip(void **state) {
   ern_trainer *fresh = begun(&config);
   config.from = "early.run/state.safetensors";
   ern_trainer *longer = begun(&config);
-  if (strstr(told, "early.run/state.safetensors: has 3 individual codes for the 4 of this training") == NULL)
-    fail_msg("the log says \"%s\"", told);
+  if (strstr(reported, "early.run/state.safetensors: has 3 individual codes for the 4 of this training") == NULL)
+    fail_msg("the log says \"%s\"", reported);
   made.data.frames[0] = 3;
   ern_trainer *same = begun(&config);
   made.data.frames[0] = FRAMES;
@@ -111,8 +111,8 @@ static void test_to_a_shorter_clip(void **state) {
   ern_trainer *same = begun(&config);
   made.data.frames[0] = 2;
   ern_trainer *shorter = begun(&config);
-  if (strstr(told, "3 individual codes for the 2 of this training: the first 2 are kept") == NULL)
-    fail_msg("the log says \"%s\"", told);
+  if (strstr(reported, "3 individual codes for the 2 of this training: the first 2 are kept") == NULL)
+    fail_msg("the log says \"%s\"", reported);
   expect_rows(shorter, shorter->parameters, same, same->parameters, "individual_codes", 0, KEPT);
   expect_rows(shorter, shorter->second_moment, same, same->second_moment, "individual_codes", 0, KEPT);
   free(values_of(shorter, shorter->parameters, "individual_codes", &count));

@@ -258,7 +258,7 @@ static void test_on_a_device_long(void **state) {
   scene_free(&scene);
 }
 
-/* What is asked for twice is there without a ray; other cells, another speech and another bound begin anew. */
+/* What is asked for twice is there without a ray; other cells, another speech and another bound start again. */
 static void test_what_is_forgotten(void **state) {
   (void)state;
   static struct scene scene;

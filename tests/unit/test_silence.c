@@ -45,14 +45,15 @@ static void test_found(void **state) {
   ern_context_free(&context);
 }
 
-static void expect_untold(ern_context *context, const struct made_speech *s, const float *loudness, const char *why) {
+static void expect_unrecognised(ern_context *context, const struct made_speech *s, const float *loudness,
+                                const char *why) {
   ern_silence *silence = NULL;
   support_expect(context, ern_silence_learn(context, &s->features, loudness, &silence), ERN_E_STATE, "silence:", why,
                  NULL);
   assert_null(silence);
 }
 
-static void test_untold(void **state) {
+static void test_unrecognised(void **state) {
   (void)state;
   static const int never[] = {MADE_FRAMES}, briefly[] = {20, 30, MADE_FRAMES};
   static struct made_speech s, wide;
@@ -63,8 +64,8 @@ static void test_untold(void **state) {
     steady[t] = 50 + made_noise(7, (size_t)t);
     moved[t] = t / 10 % 2 == 0 ? 60.0f : 20.0f; /* nothing to do with what the features say */
   }
-  expect_untold(context, &s, steady, "differ by");
-  expect_untold(context, &s, moved, "of the frames correctly");
+  expect_unrecognised(context, &s, steady, "differ by");
+  expect_unrecognised(context, &s, moved, "of the frames correctly");
   ern_silence *silence = NULL;
   support_ok(context, ern_silence_learn(context, &s.features, s.loudness, &silence));
   made_speech(&wide, 16, 44, 3, learnt_from);
@@ -74,10 +75,10 @@ static void test_untold(void **state) {
   free(s.features.data);
   free(wide.features.data);
   made_speech(&s, 16, 29, 3, briefly);
-  expect_untold(context, &s, s.loudness, "8 quiet");
+  expect_unrecognised(context, &s, s.loudness, "8 quiet");
   free(s.features.data);
   made_speech(&s, 16, 29, 3, never);
-  expect_untold(context, &s, NULL, "differ by");
+  expect_unrecognised(context, &s, NULL, "differ by");
   free(s.features.data);
   ern_context_free(&context);
 }
@@ -210,7 +211,7 @@ static void test_smooth_lips(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_found), cmocka_unit_test(test_untold),
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_found), cmocka_unit_test(test_unrecognised),
                                      cmocka_unit_test(test_no_memory), cmocka_unit_test(test_rest),
                                      cmocka_unit_test(test_smooth_lips)};
   return cmocka_run_group_tests(tests, NULL, NULL);

@@ -7,7 +7,7 @@
 #include "train/state_about.h"
 
 static struct made made;
-static char told[SUPPORT_LINES]; /* lines of the log */
+static char reported[SUPPORT_LINES]; /* lines of the log */
 
 static int open_clip(void **state) {
   (void)state;
@@ -16,7 +16,7 @@ static int open_clip(void **state) {
   ern_context_free(&made.context);
   ern_context_config config = ern_context_config_default();
   config.log = support_keep_warnings;
-  config.user = told;
+  config.user = reported;
   assert_int_equal(ern_context_create(&made.context, &config), ERN_OK);
   support_ok(made.context, ern_backend_create(&made.backend, made.context, NULL));
   return 0;
@@ -57,9 +57,9 @@ static void test_kept_by_files(void **state) {
   ern_train_config config = seen_config(3, "seen.safetensors");
   support_ok(made.context, train(&made, &config, NULL));
   expect_seen("seen.safetensors", 0.8f);
-  told[0] = 0;
+  reported[0] = 0;
   support_ok(made.context, ern_file_convert(made.context, "seen.safetensors", "seen.pth"));
-  if (strstr(told, "--scale 3 --dt_gamma 0.01 --max_steps 24") == NULL) fail_msg("the log says \"%s\"", told);
+  if (strstr(reported, "--scale 3 --dt_gamma 0.01 --max_steps 24") == NULL) fail_msg("the log says \"%s\"", reported);
   support_ok(made.context, ern_file_convert(made.context, "seen.pth", "back.safetensors"));
   expect_seen("seen.pth", 0.8f);
   expect_seen("back.safetensors", 0.8f);
@@ -213,10 +213,10 @@ static void test_resume_mixes_nothing(void **state) {
   config.max_steps = 20;
   config.refresh_every = 8;
   made.data.fingerprint = "of exchanged pictures";
-  told[0] = 0;
+  reported[0] = 0;
   support_ok(made.context, train(&made, &config, NULL));
   made.data.fingerprint = NULL;
-  assert_string_equal(told,
+  assert_string_equal(reported,
                       "again.run/state.safetensors: files of the clip's frames (pictures, masks, landmarks or blinks) "
                       "are not those that it began with; going on with those of now\n"
                       "again.run/state.safetensors: iters was 4, going on with 6\n"

@@ -205,7 +205,7 @@ static void describe_exit(const struct child *child, char text[LINE_BYTES]) {
 
 static ern_status tell_death(ern_context *context, const struct child *child) {
   char how[LINE_BYTES], what[2 * LINE_BYTES];
-  const char *said = child->err.last, *name = strchr(child->doing, ' ');
+  const char *message = child->err.last, *name = strchr(child->doing, ' ');
   describe_exit(child, how);
   if (child->device >= 0) {
     name = name != NULL ? strchr(name + 1, ' ') : NULL; /* "device 0 NAME" */
@@ -217,7 +217,7 @@ static ern_status tell_death(ern_context *context, const struct child *child) {
     snprintf(what, sizeof what, "no device can be used: the drivers were loaded");
   }
   return ern_fail(context, ERN_E_DEVICE, "OpenCL: %s in a child process, which %s%s%s%s", what, how,
-                  said[0] != 0 ? "; it said: \"" : "", said, said[0] != 0 ? "\"" : "");
+                  message[0] != 0 ? "; it said: \"" : "", message, message[0] != 0 ? "\"" : "");
 }
 
 ern_status ern_cl_probe(ern_context *context, int first, int last, bool *listed, int *dead) {

@@ -143,9 +143,9 @@ static ern_status say(const struct espeak *espeak, struct taking *taking, const 
       espeak->synth(text, strlen(text) + 1, 0, POS_CHARACTER, 0, espeakCHARS_UTF8, NULL, taking) != EE_OK)
     return ern_fail(context, ERN_E_UNSUPPORTED, "%s: does not speak the text", library_name);
   if (taking->status != ERN_OK) return taking->status;
-  bool said = false;
-  for (size_t i = 0; i < spoken->count; i++) said = said || spoken->phoneme[i].name[0] != '_';
-  if (spoken->sound.frames == 0 || !said)
+  bool spoke = false;
+  for (size_t i = 0; i < spoken->count; i++) spoke = spoke || spoken->phoneme[i].name[0] != '_';
+  if (spoken->sound.frames == 0 || !spoke)
     return ern_fail(context, ERN_E_ARGUMENT, "speech: the text has nothing that can be spoken");
   for (size_t i = 0; i < spoken->count; i++)
     spoken->phoneme[i].end =

@@ -360,15 +360,15 @@ fail:
 static ern_status write_sound(struct work *work) {
   ern_status status = ERN_OK;
   char *path = NULL;
-  const ern_sound *said = &work->spoken.sound;
-  const int rate = work->options->text_file != NULL ? said->rate : ERN_SYNTH_RATE;
+  const ern_sound *speech = &work->spoken.sound;
+  const int rate = work->options->text_file != NULL ? speech->rate : ERN_SYNTH_RATE;
   ern_sound *sound = &work->sound;
   *sound = (ern_sound){.rate = rate, .channels = 1, .frames = work->frames * (size_t)rate / ERN_SYNTH_FPS};
   ERN_TRY(ern_path_join(work->context, work->folder, "aud.wav", &path));
   ERN_TRY(ERN_NEW(work->context, sound->frames, &sound->data));
   if (work->options->text_file != NULL)
-    memcpy(sound->data, said->data,
-           (said->frames < sound->frames ? said->frames : sound->frames) * sizeof *sound->data);
+    memcpy(sound->data, speech->data,
+           (speech->frames < sound->frames ? speech->frames : sound->frames) * sizeof *sound->data);
   else
     ern_synth_sound_make(work->options->seed, work->cast[0].person.voice, &work->speech, sound->data, sound->frames);
   ERN_TRY(ern_sound_write_wav(work->context, path, sound));

@@ -67,9 +67,9 @@ static void name_others(ern_video_reader *reader, int sound) {
   for (unsigned i = 0; i < container->nb_streams; i++) {
     const AVStream *stream = container->streams[i];
     const enum AVMediaType type = stream->codecpar->codec_type;
-    const bool told = type == AVMEDIA_TYPE_AUDIO || type == AVMEDIA_TYPE_SUBTITLE ||
-                      (type == AVMEDIA_TYPE_VIDEO && (stream->disposition & AV_DISPOSITION_ATTACHED_PIC) == 0);
-    if (!told || (int)i == sound || stream == reader->decoder.stream) continue;
+    const bool ordinary = type == AVMEDIA_TYPE_AUDIO || type == AVMEDIA_TYPE_SUBTITLE ||
+                          (type == AVMEDIA_TYPE_VIDEO && (stream->disposition & AV_DISPOSITION_ATTACHED_PIC) == 0);
+    if (!ordinary || (int)i == sound || stream == reader->decoder.stream) continue;
     const int added =
         snprintf(text + used, sizeof reader->info.other_streams - used, "%sstream %u (%s, %s)", used > 0 ? ", " : "", i,
                  av_get_media_type_string(type), avcodec_get_name(stream->codecpar->codec_id));

@@ -159,8 +159,8 @@ cv::Mat ern_person_motion_odds(const ern_person_model &model, const cv::Mat &sma
   small.convertTo(picture, CV_32FC3);
   for (const ern_person_reference &r : model.references) {
     const cv::Point2f shift = r.body - body;
-    const bool told = known && r.body_known && cv::norm(shift) >= double(BEND) * n;
-    const struct moved moved = person_motion(model, picture, face, r, told ? shift : cv::Point2f(0, 0));
+    const bool followed = known && r.body_known && cv::norm(shift) >= double(BEND) * n;
+    const struct moved moved = person_motion(model, picture, face, r, followed ? shift : cv::Point2f(0, 0));
     const cv::Mat still = unlikeness(picture - r.small, 1);
     for (int y = 0; y < n; y++)
       for (int x = 0; x < n; x++) {

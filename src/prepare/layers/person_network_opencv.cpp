@@ -73,11 +73,11 @@ double tells(const cv::Mat &mask, const ern_layer_face &face, int side) {
 ern_status choose(ern_person_network &network, const cv::Mat &frame, const ern_layer_face &face) {
   double best = 0.4;
   for (size_t k = 0; k < sizeof ways / sizeof *ways; k++) {
-    const double told = tells(run(network, frame, ways[k]), face, frame.rows);
-    if (std::fabs(told) < best + 0.02) continue;
-    best = std::fabs(told);
+    const double score = tells(run(network, frame, ways[k]), face, frame.rows);
+    if (std::fabs(score) < best + 0.02) continue;
+    best = std::fabs(score);
     network.way = int(k);
-    network.other = told < 0;
+    network.other = score < 0;
   }
   if (network.way >= 0) return ERN_OK;
   return ern_fail(network.context, ERN_E_UNSUPPORTED,

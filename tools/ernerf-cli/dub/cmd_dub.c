@@ -435,7 +435,7 @@ int cmd_dub(int argc, char **argv) {
       .usage = "dub MODEL VIDEO --clip CLIP --audio SOUND -o out.mp4",
       .notes =
           "The output has the size and rate of VIDEO, and begins where the clip begins.\n"
-          "Outside the lower face each frame is the recorded one, coded anew: without --codec, --crf and preset\n"
+          "Outside the lower face each frame is the recorded one, re-encoded: without --codec, --crf and preset\n"
           "with preset superfast and --crf 16, which is faster than the defaults of these options.",
       .words = words,
       .word_count = 2,

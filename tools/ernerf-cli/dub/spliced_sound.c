@@ -34,16 +34,16 @@ static double heard(const ern_sound *sound, size_t channel, double at) {
 }
 
 /* begin: frame of `recorded` at which the rest begins; first: frame of `spliced` with which it begins. */
-static void splice(const ern_sound *said, const ern_sound *recorded, double begin, size_t first, ern_sound *spliced) {
+static void splice(const ern_sound *speech, const ern_sound *recorded, double begin, size_t first, ern_sound *spliced) {
   const size_t channels = (size_t)spliced->channels;
   const double rate = spliced->rate, fade = FADE * rate;
   for (size_t i = 0; i < spliced->frames; i++) {
     const bool rest = i >= first;
     const double since = rest ? (double)(i - first) : (double)i;
-    const double at = rest ? begin + since * recorded->rate / rate : since * said->rate / rate;
+    const double at = rest ? begin + since * recorded->rate / rate : since * speech->rate / rate;
     const double gain = rest ? fmin(since / fade, 1) : 1;
     for (size_t c = 0; c < channels; c++) {
-      const double value = gain * heard(rest ? recorded : said, c, at);
+      const double value = gain * heard(rest ? recorded : speech, c, at);
       spliced->data[i * channels + c] = (int16_t)lrint(fmin(fmax(value, INT16_MIN), INT16_MAX));
     }
   }
@@ -51,23 +51,23 @@ static void splice(const ern_sound *said, const ern_sound *recorded, double begi
 
 int spliced_sound_read(struct session *session, const char *audio, double words, const char *video, double from,
                        double rest, ern_sound *spliced) {
-  ern_sound said = {0}, recorded = {0};
+  ern_sound speech = {0}, recorded = {0};
   int status = 0;
-  if (ern_sound_read(session->context, audio, &said) != ERN_OK ||
+  if (ern_sound_read(session->context, audio, &speech) != ERN_OK ||
       ern_sound_read(session->context, video, &recorded) != ERN_OK)
     status = session_fail(session);
   if (status == 0) {
-    const int rate = said.rate > recorded.rate ? said.rate : recorded.rate;
-    const int channels = said.channels > recorded.channels ? said.channels : recorded.channels;
+    const int rate = speech.rate > recorded.rate ? speech.rate : recorded.rate;
+    const int channels = speech.channels > recorded.channels ? speech.channels : recorded.channels;
     const size_t first = (size_t)lround(words * rate);
     *spliced = (ern_sound){.rate = rate, .channels = channels, .frames = first + (size_t)(rest * rate)};
     spliced->data = calloc(spliced->frames * (size_t)channels + 1, sizeof *spliced->data);
     if (spliced->data != NULL)
-      splice(&said, &recorded, round(from * recorded.rate), first, spliced);
+      splice(&speech, &recorded, round(from * recorded.rate), first, spliced);
     else
       status = session_fail_with(session, "%s: no memory for its sound", video);
   }
-  ern_sound_free(session->context, &said);
+  ern_sound_free(session->context, &speech);
   ern_sound_free(session->context, &recorded);
   return status;
 }

@@ -3,7 +3,7 @@
 
 #include <math.h>
 
-/* Landmarks whose motion shows: jaw, brows, nose, eyes. The mouth, 48 to 67, is drawn anew. */
+/* Landmarks whose motion shows: jaw, brows, nose, eyes. The mouth, 48 to 67, is rendered again. */
 enum { SEEN_LANDMARKS = 48 };
 
 static const ern_clip_frame *frame_at(const ern_clip *clip, const struct source_frame *frame) {

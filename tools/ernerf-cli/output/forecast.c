@@ -14,7 +14,7 @@ void forecast_begin(struct forecast *forecast, double now, uint64_t step) {
 
 bool forecast_due(struct forecast *f, double now, uint64_t step, uint64_t steps, double *left) {
   const bool first = f->first <= 0;
-  if (f->said || step <= f->begin || step >= steps) return false;
+  if (f->reported || step <= f->begin || step >= steps) return false;
   if (first && now - f->began < patience) {
     f->first = now;
     f->first_step = step;
@@ -24,7 +24,7 @@ bool forecast_due(struct forecast *f, double now, uint64_t step, uint64_t steps,
   const uint64_t taken = step - (first ? f->begin : f->first_step);
   if (taken == 0 || now - from < settled) return false;
   *left = (now - from) / (double)taken * (double)(steps - step);
-  f->said = true;
+  f->reported = true;
   return true;
 }
 

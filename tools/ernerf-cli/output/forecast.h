@@ -12,7 +12,7 @@
 struct forecast {
   double began, first; /* times in seconds: the start, and the first report (0: none yet) */
   uint64_t begin, first_step;
-  bool said;
+  bool reported;
 };
 
 void forecast_begin(struct forecast *forecast, double now, uint64_t step);

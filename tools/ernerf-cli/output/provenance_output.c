@@ -39,18 +39,18 @@ static bool is_own(const char *path) {
 int provenance_read(struct session *session, const char *output, json_t **about) {
   char path[4096 + 32], hash[65];
   *about = snprintf(path, sizeof path, "%s.provenance.json", output) < (int)sizeof path ? read_own(path) : NULL;
-  const char *said = json_string_value(json_object_get(*about, "sha256"));
-  if (said == NULL) { /* it does not say which file it is about */
+  const char *recorded = json_string_value(json_object_get(*about, "sha256"));
+  if (recorded == NULL) { /* it does not say which file it is about */
     json_decref(*about);
     *about = NULL;
     return 0;
   }
   if (ern_file_sha256(session->context, output, hash) != ERN_OK) return session_fail(session);
-  if (strcmp(said, hash) == 0) return 0;
+  if (strcmp(recorded, hash) == 0) return 0;
   return session_fail_with(session,
-                           "%s: sha256 is \"%.64s\", expected \"%s\", that of %s, which was made anew since; "
+                           "%s: sha256 is \"%.64s\", expected \"%s\", that of %s, which was made again since; "
                            "expected the file that belongs to it, or none",
-                           path, said, hash, output);
+                           path, recorded, hash, output);
 }
 
 /* Numbered pictures share one file, with "all" in place of the number. */
@@ -131,8 +131,8 @@ static json_t *segment_json(struct session *session, const char *path, json_t *s
   json_t *value, *segment = file_json(session, path, hex);
   bool whole = segment != NULL;
   json_object_foreach(says, name, value) {
-    const bool told = json_object_get(alike, name) != NULL || json_object_get(segment, name) != NULL;
-    if (whole && !told && strcmp(name, "output") != 0) whole = json_object_set(segment, name, value) == 0;
+    const bool listed = json_object_get(alike, name) != NULL || json_object_get(segment, name) != NULL;
+    if (whole && !listed && strcmp(name, "output") != 0) whole = json_object_set(segment, name, value) == 0;
   }
   if (whole) return segment;
   json_decref(segment);

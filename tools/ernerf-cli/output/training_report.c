@@ -141,7 +141,7 @@ static void add_table(const struct training_study *study, struct bytes *text) {
   double marks[TRAINING_MARKS];
   marks_of(study, marks);
   bytes_print(text,
-              "# What the next decibel costs\n\n"
+              "# Quality against cost\n\n"
               "%s; %g s of training for each curve, %zu seed%s; PSNR over %zu validation frame%s.\n"
               "%s, %d cores. Seconds are those of training, without validations. ± is the standard deviation over\n"
               "the seeds; seconds to a PSNR are read off the mean curve between its points, at the first point at "
@@ -240,7 +240,7 @@ static int plot_all(const struct training_study *study, struct session *session,
   const bool several = study->seeds > 1, known = isfinite(training_final(&study->kind[0], study->seeds).mouth.mean);
   if (status == 0)
     status = curve_plot(named, study->count, session, folder, "training",
-                        several ? "What the next decibel costs (mean over the seeds)" : "What the next decibel costs");
+                        several ? "Quality against cost (mean over the seeds)" : "Quality against cost");
   if (status == 0)
     status = curve_plot_mouth(named, known ? study->count : 0, session, folder, "training",
                               !known    ? "Nothing is known of the mouth's motion"

@@ -168,9 +168,9 @@ void session_note_rank(struct session *session, const char *format, ...) {
 static bool was_said(struct session *session, const char *line) {
   uint64_t hash = 0xcbf29ce484222325; /* FNV-1a */
   for (const char *at = line; *at != 0; at++) hash = (hash ^ (unsigned char)*at) * 0x100000001b3;
-  for (size_t i = 0; i < SESSION_SAID; i++)
-    if (atomic_load(&session->said[i]) == hash) return true;
-  atomic_store(&session->said[atomic_fetch_add(&session->said_count, 1) % SESSION_SAID], hash);
+  for (size_t i = 0; i < SESSION_REMARKS; i++)
+    if (atomic_load(&session->remarks[i]) == hash) return true;
+  atomic_store(&session->remarks[atomic_fetch_add(&session->remark_count, 1) % SESSION_REMARKS], hash);
   return false;
 }
 

@@ -14,7 +14,7 @@
 #include "ernerf/backend.h"
 #include "ernerf/base.h"
 
-enum { SESSION_INPUTS = 16, SESSION_STAGED = 9, SESSION_SAID = 16, SESSION_HELD = 4096 };
+enum { SESSION_INPUTS = 16, SESSION_STAGED = 9, SESSION_REMARKS = 16, SESSION_HELD = 4096 };
 enum session_choice { SESSION_AUTO, SESSION_CPU, SESSION_OPENCL };
 
 struct session {
@@ -43,9 +43,9 @@ struct session {
   size_t staged, staged_size[SESSION_STAGED];
   char *staged_path[SESSION_STAGED];
   void *staged_bytes[SESSION_STAGED];
-  atomic_uint said_count;
-  _Atomic uint64_t said[SESSION_SAID]; /* hashes of the library's last remarks */
-  bool line_open;                      /* the terminal shows the progress line without its newline */
+  atomic_uint remark_count;
+  _Atomic uint64_t remarks[SESSION_REMARKS]; /* hashes of the library's last remarks */
+  bool line_open;                            /* the terminal shows the progress line without its newline */
   char *held; /* [SESSION_HELD] of a copy whose work may turn out not to be needed: session_fail and the like put their
                  text here, and print nothing; NULL: they print */
 };

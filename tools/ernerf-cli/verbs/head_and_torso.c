@@ -22,7 +22,7 @@ static int resume_torso(struct train_job *job, const ern_train_state *head, cons
   if (!same)
     return session_fail_with(session,
                              "%s: its torso is trained for another head than that of %s; expected another -o, or "
-                             "--overwrite, which begins the torso anew",
+                             "--overwrite, which restarts the torso",
                              job->portrait, job->head_output);
   snprintf(trained, sizeof trained, "%" PRIu64 " steps", head->step);
   if (head->budget > 0) {
@@ -31,7 +31,7 @@ static int resume_torso(struct train_job *job, const ern_train_state *head, cons
   }
   return session_fail_with(session,
                            "%s: its torso is trained for a head of %s, which would change; expected %sanother -o, or "
-                           "--overwrite, which begins the torso anew",
+                           "--overwrite, which restarts the torso",
                            job->portrait, trained, head->budget > 0 ? "that time, " : "");
 }
 

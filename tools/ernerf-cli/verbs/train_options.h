@@ -37,7 +37,7 @@ struct train_job {
   char *head_output;      /* with --time: the file of the head; its torso goes to --output */
   double head_seconds;    /* training time of a finished head, which is not changed; 0: HEAD_SHARE of `seconds` */
   bool head_alone;        /* the resumed training is of a head alone, written to --output */
-  bool restarts_torso;    /* the saved torso belongs to another head: the torso starts anew */
+  bool restarts_torso;    /* the saved torso belongs to another head: the torso restarts */
   bool trains_torso_next; /* this call trains a head and its torso */
   bool paper;
   struct speech_augmentation speech;
