@@ -153,9 +153,7 @@ class Camera(Structure):
 
 
 class RenderOptions(Structure):
-    _fields_ = [("cookie", c_uint32), ("size", c_uint32), ("threads", c_int), ("max_steps", c_int),
-                ("dt_gamma", c_float), ("transmittance_stop", c_float), ("torso_shrink", c_float),
-                ("smooth_lips", c_bool), ("frame_rate", c_float), ("image_scale", c_float), ("no_torso", c_bool)]
+    """Its members are those that the library describes (open_engine)."""
 
 
 class FrameInput(Structure):
@@ -260,6 +258,7 @@ ENGINE = {
     "ern_file_tensors": (Status, OBJECT, c_char_p, SAY_TENSOR, c_void_p),
     "ern_camera_pose": (None, POINTER(c_float), POINTER(c_float), c_float),
     "ern_audio_windows": (None, POINTER(c_float), POINTER(Features), c_int64, ENUM),
+    "ern_render_setting": (POINTER(Setting), c_size_t),
     "ern_render_options_fill": (None, POINTER(RenderOptions), c_size_t),
     "ern_renderer_create": (Status, OUT, OBJECT, OBJECT, POINTER(RenderOptions)),
     "ern_renderer_free": (None, OUT),
@@ -306,15 +305,16 @@ def _open(path, functions):
     return library
 
 
-def _describe_train_config(engine):
+def _describe(structure, setting, engine):
+    """The members of `structure`, as the library describes them by setting(index)."""
     fields, index = [("cookie", c_uint32), ("size", c_uint32)], 0
-    while setting := engine.ern_train_setting(index):
-        fields.append((setting.contents.name.decode(), SETTING_TYPES[setting.contents.type]))
+    while found := setting(index):
+        fields.append((found.contents.name.decode(), SETTING_TYPES[found.contents.type]))
         index += 1
-    if not hasattr(TrainConfig, "_fields_"):
-        TrainConfig._fields_ = fields
-    if fields != TrainConfig._fields_:
-        raise OSError(f"{engine._name}: its struct ern_train_config is not that of the library opened before")
+    if not hasattr(structure, "_fields_"):
+        structure._fields_ = fields
+    if fields != structure._fields_:
+        raise OSError(f"{engine._name}: its struct of {structure.__name__} is not that of the library opened before")
 
 
 def open_engine(path=None):
@@ -326,7 +326,8 @@ def open_engine(path=None):
     if major != VERSION[0] or minor < VERSION[1]:
         raise OSError(f"{path}: version {version}, expected {VERSION[0]}.{VERSION[1]} or a later {VERSION[0]}.x")
     engine = _open(path, ENGINE)
-    _describe_train_config(engine)
+    _describe(TrainConfig, engine.ern_train_setting, engine)
+    _describe(RenderOptions, engine.ern_render_setting, engine)
     return engine
 
 

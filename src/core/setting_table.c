@@ -49,7 +49,14 @@ static double number_of(const ern_setting *s, union value value) {
 
 static bool is_value(const ern_setting *s) { return s->type != ERN_SETTING_TEXT && s->type != ERN_SETTING_POINTER; }
 
-void ern_setting_reset(const ern_setting *s, void *config) {
+/* A bound of a float's range is the float nearest to it. */
+static bool is_within(const ern_setting *s, double number) {
+  const bool is_float = s->type == ERN_SETTING_FLOAT;
+  return number >= (is_float ? (double)(float)s->least : s->least) &&
+         number <= (is_float ? (double)(float)s->most : s->most);
+}
+
+static void reset(const ern_setting *s, void *config) {
   union value value = {0};
   switch (s->type) {
     case ERN_SETTING_BOOL: value.flag = s->fallback != 0; break;
@@ -65,16 +72,27 @@ void ern_setting_reset(const ern_setting *s, void *config) {
   memcpy((char *)config + s->at, &value, bytes_of(s));
 }
 
-ern_status ern_setting_check(ern_context *context, const char *what, const ern_setting *s, const void *config) {
+static ern_status check(ern_context *context, const char *what, const ern_setting *s, const void *config) {
   if (!is_value(s) || s->type == ERN_SETTING_BOOL) return ERN_OK;
   const double found = number_of(s, value_of(s, config));
-  if (found >= s->least && found <= s->most) return ERN_OK;
+  if (is_within(s, found)) return ERN_OK;
   if (s->type == ERN_SETTING_FLOAT || s->type == ERN_SETTING_DOUBLE)
     return ern_fail(context, ERN_E_ARGUMENT, "%s: %s is %g, expected %g to %g", what, s->name, found, s->least,
                     s->most);
   const bool word = s->type == ERN_SETTING_WORD;
   return ern_fail(context, ERN_E_ARGUMENT, "%s: %s is %.0f, expected %.0f to %.0f%s%s", what, s->name, found, s->least,
                   s->most, word ? ", which are " : "", word ? s->words : "");
+}
+
+void ern_settings_reset(const ern_setting *table, size_t rows, void *config) {
+  for (size_t i = 0; i < rows; i++) reset(&table[i], config);
+}
+
+ern_status ern_settings_check(ern_context *context, const char *what, const ern_setting *table, size_t rows,
+                              const void *config) {
+  ern_status status = ERN_OK;
+  for (size_t i = 0; i < rows && status == ERN_OK; i++) status = check(context, what, &table[i], config);
+  return status;
 }
 
 /* ---- text -------------------------------------------------------------------------------------------------------- */
@@ -139,8 +157,7 @@ bool ern_setting_read(const ern_setting *s, const char *text, void *config) {
     case ERN_SETTING_TEXT:
     case ERN_SETTING_POINTER: return false;
   }
-  const double number = number_of(s, value);
-  if (s->type != ERN_SETTING_BOOL && !(number >= s->least && number <= s->most)) return false;
+  if (s->type != ERN_SETTING_BOOL && !is_within(s, number_of(s, value))) return false;
   memcpy((char *)config + s->at, &value, bytes_of(s));
   return true;
 }

@@ -13,11 +13,28 @@
   .at = offsetof(config, member) + 0 * sizeof(char[_Generic(&((config *)0)->member, type_ * : 1, default \
                                                             : -1)])
 
-/* Sets the member to the setting's default. */
-void ern_setting_reset(const ern_setting *setting, void *config);
+/* Rows of the struct ERN_SETTINGS, which a file that has a table defines: {ERN_ROW_INT(levels, 0, 24, 0), .help = ""}
+ */
+#define ERN_ROW_BOOL(member) ERN_SETTING_OF(ERN_SETTINGS, ERN_SETTING_BOOL, bool, member), .most = 1
+#define ERN_ROW_NUMBER(kind, type, member, low, high, value) \
+  ERN_SETTING_OF(ERN_SETTINGS, kind, type, member), .least = (low), .most = (high), .fallback = (value)
+#define ERN_ROW_INT(member, low, high, value) ERN_ROW_NUMBER(ERN_SETTING_INT, int, member, low, high, value)
+#define ERN_ROW_COUNT(member, low, high, value) ERN_ROW_NUMBER(ERN_SETTING_UINT64, uint64_t, member, low, high, value)
+#define ERN_ROW_FLOAT(member, low, high, value) ERN_ROW_NUMBER(ERN_SETTING_FLOAT, float, member, low, high, value)
+#define ERN_ROW_DOUBLE(member, low, high, value) ERN_ROW_NUMBER(ERN_SETTING_DOUBLE, double, member, low, high, value)
+#define ERN_ROW_SIZE(member) ERN_ROW_NUMBER(ERN_SETTING_SIZE, size_t, member, 0, ERN_ANY_COUNT, 0)
+#define ERN_ROW_WORD(member, type, all, count, value) \
+  ERN_ROW_NUMBER(ERN_SETTING_WORD, type, member, 0, (count)-1, value), .words = (all)
+#define ERN_ROW_TEXT(member) ERN_SETTING_OF(ERN_SETTINGS, ERN_SETTING_TEXT, const char *, member)
+#define ERN_ROW_POINTER(member, type) ERN_SETTING_OF(ERN_SETTINGS, ERN_SETTING_POINTER, type, member)
 
-/* ERN_E_ARGUMENT where the member is outside of its range. `what`: the first word of the message. */
-ERN_NODISCARD ern_status ern_setting_check(ern_context *context, const char *what, const ern_setting *setting,
-                                           const void *config);
+#define ERN_ANY_COUNT 18446744073709551616.0 /* 2^64 */
+
+/* Sets all members of the table to their defaults. */
+void ern_settings_reset(const ern_setting *table, size_t rows, void *config);
+
+/* ERN_E_ARGUMENT where a member is outside of its range. `what`: the first word of the message. */
+ERN_NODISCARD ern_status ern_settings_check(ern_context *context, const char *what, const ern_setting *table,
+                                            size_t rows, const void *config);
 
 #endif

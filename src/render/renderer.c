@@ -14,49 +14,11 @@
 #include "render/occupancy_prune.h"
 #include "render/picture_ops.h"
 
-enum { OPTIONS_COOKIE = 0x45524e33 };
-
-void ern_render_options_fill(ern_render_options *options, size_t bytes) {
-  const ern_render_options own = {.cookie = OPTIONS_COOKIE,
-                                  .threads = 0,
-                                  .max_steps = 0,
-                                  .dt_gamma = -1,
-                                  .transmittance_stop = 1e-4f,
-                                  .torso_shrink = 0,
-                                  .smooth_lips = false,
-                                  .frame_rate = 25,
-                                  .image_scale = 1};
-  ern_config_copy_out(options, bytes, &own, sizeof own);
-}
-
 /* Takes from the model the settings that the options leave open. */
 static void take_from_model(ern_render_options *o, const struct ern_view_settings *view) {
   if (o->max_steps == 0) o->max_steps = view->max_steps;
   if (o->dt_gamma < 0) o->dt_gamma = view->dt_gamma;
   if (o->torso_shrink == 0) o->torso_shrink = view->torso_shrink;
-}
-
-static ern_status check_options(ern_context *context, const ern_render_options *o) {
-  if (o->threads < 0 || o->threads > ERN_THREADS_MOST)
-    return ern_fail(context, ERN_E_ARGUMENT, "render: threads is %d, expected 0 to %d", o->threads, ERN_THREADS_MOST);
-  if (o->max_steps < 1 || o->max_steps > ERN_MAX_STEPS)
-    return ern_fail(context, ERN_E_ARGUMENT, "render: max_steps is %d, expected 1 to %d, or 0 for the model's",
-                    o->max_steps, ERN_MAX_STEPS);
-  if (!(o->dt_gamma >= 0 && o->dt_gamma <= 1))
-    return ern_fail(context, ERN_E_ARGUMENT, "render: dt_gamma is %g, expected 0 to 1, or below 0 for the model's",
-                    (double)o->dt_gamma);
-  if (!(o->transmittance_stop >= 0 && o->transmittance_stop < 1))
-    return ern_fail(context, ERN_E_ARGUMENT, "render: transmittance_stop is %g, expected 0 to 1",
-                    (double)o->transmittance_stop);
-  if (!(o->torso_shrink > 0 && o->torso_shrink <= 1))
-    return ern_fail(context, ERN_E_ARGUMENT,
-                    "render: torso_shrink is %g, expected above 0, at most 1, or 0 for the model's",
-                    (double)o->torso_shrink);
-  if (!(o->frame_rate >= 1 && o->frame_rate <= 1000))
-    return ern_fail(context, ERN_E_ARGUMENT, "render: frame_rate is %g, expected 1 to 1000", (double)o->frame_rate);
-  if (!(o->image_scale >= 0.25f && o->image_scale <= 1))
-    return ern_fail(context, ERN_E_ARGUMENT, "render: image_scale is %g, expected 0.25 to 1", (double)o->image_scale);
-  return ERN_OK;
 }
 
 enum { MEANS = ERN_CODE_WIDTH + ERN_TORSO_CODE_WIDTH };
@@ -133,8 +95,8 @@ ern_status ern_renderer_create(ern_renderer **renderer, ern_backend *backend, co
   ern_renderer *made = NULL;
   ern_status status = ERN_OK;
   if (options != NULL) ERN_TRY(ERN_COPY_IN_CONFIG(context, ern_render_options, &chosen, options));
+  ERN_TRY(ern_render_settings_check(context, &chosen));
   take_from_model(&chosen, &model->view);
-  ERN_TRY(check_options(context, &chosen));
   if (chosen.threads > 0 && strcmp(backend->name, "cpu") != 0)
     ern_log(context, ERN_LOG_WARNING, "render: threads is %d, which the backend %s has no use for: its driver decides",
             chosen.threads, backend->name);

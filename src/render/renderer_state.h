@@ -90,4 +90,7 @@ ERN_NODISCARD ern_status ern_renderer_background_layers(ern_renderer *r, const e
 /* Renders the head over the background rows into the frame's pixels. */
 ERN_NODISCARD ern_status ern_renderer_head(ern_renderer *r, const ern_frame_input *input);
 
+/* ERN_E_ARGUMENT where a member is outside of its range. */
+ERN_NODISCARD ern_status ern_render_settings_check(ern_context *context, const ern_render_options *options);
+
 #endif

@@ -133,6 +133,11 @@ CHECK(ern_silence_weights) {
 /* ---- render.h: renderer ------------------------------------------------------------------------------------------ */
 
 CHECK(ern_render_options_default) { assert_int_not_equal(ern_render_options_default().cookie, 0); }
+CHECK(ern_render_setting) {
+  assert_non_null(ern_render_setting(0));
+  assert_null(ern_render_setting(SIZE_MAX));
+}
+
 CHECK(ern_render_options_fill) { FILLS(ern_render_options, ern_render_options_fill); }
 CHECK(ern_renderer_create) {
   ern_renderer *made = w.renderer;
@@ -321,6 +326,7 @@ static const struct arguments_check table[] = {ROW(ern_fit_box),
                                                ROW(ern_silence_weights),
                                                ROW(ern_render_options_default),
                                                ROW(ern_render_options_fill),
+                                               ROW(ern_render_setting),
                                                ROW(ern_renderer_create),
                                                ROW(ern_renderer_free),
                                                ROW(ern_renderer_accepts),

@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: MIT
- * The table of a training's settings (ernerf/setting.h): it describes the whole configuration, and text and values are
- * the same. */
+ * The tables of settings (ernerf/setting.h): they describe whole configurations, and text and values are the same. */
 #include <locale.h>
 #include <math.h>
 #include <string.h>
 
 #include "core/setting_table.h"
+#include "ernerf/render.h"
 #include "ernerf/train.h"
 #include "support.h"
 
@@ -14,19 +14,42 @@ static const size_t sizes[] = {
     [ERN_SETTING_SIZE] = sizeof(size_t), [ERN_SETTING_FLOAT] = sizeof(float), [ERN_SETTING_DOUBLE] = sizeof(double),
     [ERN_SETTING_WORD] = sizeof(int),    [ERN_SETTING_TEXT] = sizeof(char *), [ERN_SETTING_POINTER] = sizeof(void *)};
 
-/* No member is missing: each begins where the one before ends, but for its alignment. */
-static void test_all_members(void **state) {
-  (void)state;
+/* No member is missing: each begins where the one before ends, but for its alignment. `begin`: behind `size`. */
+static void expect_all_members(const ern_setting *(*row)(size_t index), size_t begin, size_t bytes) {
   const ern_setting *s;
-  size_t end = offsetof(ern_train_config, size) + sizeof(uint32_t), count = 0;
-  for (; (s = ern_train_setting(count)) != NULL; count++) {
+  size_t end = begin, count = 0;
+  for (; (s = row(count)) != NULL; count++) {
     const size_t size = sizes[s->type], at = (end + size - 1) / size * size;
     if (s->at != at) fail_msg("%s begins at %zu, expected %zu: a member before it has no row", s->name, s->at, at);
     end = s->at + size;
   }
-  assert_true(sizeof(ern_train_config) - end < 8);
+  assert_true(bytes - end < 8);
   assert_true(count <= 64); /* bits of struct setting_choice */
-  assert_null(ern_train_setting(SIZE_MAX));
+  assert_null(row(SIZE_MAX));
+}
+
+static void test_all_members(void **state) {
+  (void)state;
+  const size_t begin = offsetof(ern_train_config, size) + sizeof(uint32_t);
+  assert_int_equal(begin, offsetof(ern_render_options, size) + sizeof(uint32_t));
+  expect_all_members(ern_train_setting, begin, sizeof(ern_train_config));
+  expect_all_members(ern_render_setting, begin, sizeof(ern_render_options));
+}
+
+/* The ends of a float's range are the floats nearest to them: 0.99 is above the float that 0.99 becomes. */
+static void test_float_ends(void **state) {
+  (void)state;
+  const ern_setting *s;
+  ern_render_options options = ern_render_options_default();
+  for (size_t i = 0; (s = ern_render_setting(i)) != NULL; i++) {
+    char text[ERN_SETTING_TEXT_BYTES];
+    if (s->type != ERN_SETTING_FLOAT) continue;
+    for (int high = 0; high < 2; high++) {
+      snprintf(text, sizeof text, "%g", high ? s->most : s->least);
+      if (!ern_setting_read(s, text, &options)) fail_msg("%s: %s is refused", s->name, text);
+    }
+  }
+  assert_true(options.transmittance_stop == 0.99f);
 }
 
 static bool is_value(const ern_setting *s) { return s->type != ERN_SETTING_TEXT && s->type != ERN_SETTING_POINTER; }
@@ -132,7 +155,8 @@ static void test_expected(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_all_members), cmocka_unit_test(test_text),
-                                     cmocka_unit_test(test_values), cmocka_unit_test(test_expected)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_all_members), cmocka_unit_test(test_float_ends),
+                                     cmocka_unit_test(test_text), cmocka_unit_test(test_values),
+                                     cmocka_unit_test(test_expected)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

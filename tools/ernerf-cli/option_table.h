@@ -51,13 +51,16 @@ struct option {
   void *target;
   double low, high;
   const char *choices; /* of OPTION_CHOICE; other kinds: the value's name in the help, NULL: a name by kind */
-  const char *help;
+  const char *help;    /* NULL of OPTION_SETTING: the setting's own */
   const char *setting; /* of OPTION_SETTING: the member's name, range and default of which the help shows */
   bool seldom;         /* taken by --set NAME=VALUE, and listed by --set help alone */
   bool published;      /* of a seldom one: --NAME is a name of the public program's, and is taken too */
   bool given;          /* set by the parser */
   bool unlisted;       /* absent from the help: the verb rejects it with a reason */
 };
+
+/* Members of the row of a setting. */
+#define ARGS_SETTING(choice, member) .kind = OPTION_SETTING, .target = (choice), .setting = (member)
 
 /* options[count] = rows. Does not compile if the number of rows is not `count`. */
 #define ARGS_FILL(options, rows, count)                                                              \

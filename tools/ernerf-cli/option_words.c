@@ -29,6 +29,10 @@ static const ern_setting *setting_of(const struct option *option) {
   return setting_find(option->target, option->setting, &index);
 }
 
+static const char *help_of(const struct option *option) {
+  return option->help != NULL ? option->help : setting_of(option)->help;
+}
+
 const char *option_value(const struct option *option) {
   if (option->choices != NULL) return option->choices;
   if (option->kind == OPTION_SETTING) {
@@ -58,7 +62,7 @@ const char *option_value(const struct option *option) {
  * set". */
 static const char *preset_of(const struct option *option, char text[TEXT_BYTES]) {
   text[0] = 0;
-  if (strstr(option->help, "default") != NULL) return text;
+  if (strstr(help_of(option), "default") != NULL) return text;
   if (option->kind == OPTION_SETTING) {
     char preset[ERN_SETTING_TEXT_BYTES];
     ern_setting_write(setting_of(option), ((struct setting_choice *)option->target)->config, preset);
@@ -95,14 +99,14 @@ static const char *range_of(const struct option *option, char text[TEXT_BYTES]) 
     snprintf(text, TEXT_BYTES, "%.10g or more", low);
   else
     snprintf(text, TEXT_BYTES, "%.10g to %.10g", low, high);
-  if (strstr(option->help, text) != NULL) text[0] = 0;
+  if (strstr(help_of(option), text) != NULL) text[0] = 0;
   return text;
 }
 
 /* Range and default are printed in one pair of parentheses at the end. */
 const char *option_text(const struct option *option, char text[HELP_BYTES]) {
   char preset[TEXT_BYTES], range[TEXT_BYTES];
-  snprintf(text, HELP_BYTES, "%s%s", option->help, preset_of(option, preset));
+  snprintf(text, HELP_BYTES, "%s%s", help_of(option), preset_of(option, preset));
   if (range_of(option, range)[0] == 0) return text;
   char *last = strrchr(text, '(');
   const size_t length = strlen(text);

@@ -9,6 +9,7 @@
 #include "session/clip_source.h"
 #include "session/frame_source.h"
 #include "session/session.h"
+#include "setting_choice.h"
 
 /* The torso below the head. */
 enum portrait_torso {
@@ -20,6 +21,7 @@ struct portrait {
   const char *model_path;
   /* from the command line */
   ern_render_options render;
+  struct setting_choice chosen; /* of `render` */
   float scale, occupancy_threshold;
   int audio_pad, split; /* ern_audio_pad, enum frame_source_split */
   int torso;            /* enum portrait_torso */

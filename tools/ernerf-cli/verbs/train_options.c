@@ -50,11 +50,7 @@ void train_goal_options(struct train_job *job, struct option options[TRAIN_GOAL_
        .help = "what the person has agreed to, as text or as a file that holds the text; the model keeps it, and its "
                "videos and pictures carry it (default: that of --head, of the resumed state or of --from, if it is of "
                "this clip)"},
-      {.name = "iters",
-       .kind = OPTION_SETTING,
-       .target = &job->chosen,
-       .setting = "iters",
-       .help = "steps in all, also when resuming"},
+      {.name = "iters", ARGS_SETTING(&job->chosen, "iters")},
       {.name = "time",
        .kind = OPTION_SECONDS,
        .target = &job->seconds,
@@ -83,21 +79,13 @@ void train_goal_options(struct train_job *job, struct option options[TRAIN_GOAL_
                "codes (a longer clip gets new ones for the other frames) and variants (backbone, attention, "
                "eye_attention); if the file holds a training state, also from its step"},
       {.name = "save-every",
-       .kind = OPTION_SETTING,
-       .target = &job->chosen,
-       .setting = "save_every",
+       ARGS_SETTING(&job->chosen, "save_every"),
        .help = "steps between saves; 0: only at the end; with --time every minute"},
       {.name = "validate-every",
-       .kind = OPTION_SETTING,
-       .target = &job->chosen,
-       .setting = "validate_every",
+       ARGS_SETTING(&job->chosen, "validate_every"),
        .help = "steps between validations, each with a picture and a point of the curve; 0: only at the end (default "
                "a tenth of --iters, 50 to 1000; with --time each tenth of the time, at most once a minute)"},
-      {.name = "validate-frames",
-       .kind = OPTION_SETTING,
-       .target = &job->chosen,
-       .setting = "validate_frames",
-       .help = "maximum number of frames that a validation renders; 0: all"},
+      {.name = "validate-frames", ARGS_SETTING(&job->chosen, "validate_frames")},
       {.name = "effects",
        .kind = OPTION_TEXT,
        .target = &job->effects_list,
@@ -112,15 +100,11 @@ void train_number_options(struct train_job *job, struct option options[TRAIN_NUM
   const struct option rows[] = {
       {.name = "rays",
        .alias = "num_rays",
-       .kind = OPTION_SETTING,
-       .target = &job->chosen,
-       .setting = "rays",
+       ARGS_SETTING(&job->chosen, "rays"),
        .help = "rays a step (default 65536; with --time 512, but 2048 for a torso, with --backend opencl or under "
                "mpirun); a step of the fine stage has one patch at least, which may be more"},
       {.name = "levels",
-       .kind = OPTION_SETTING,
-       .target = &job->chosen,
-       .setting = "levels",
+       ARGS_SETTING(&job->chosen, "levels"),
        .help = "levels of the hash encoder, 2 to 24 (default 14; hash3d 16); public checkpoints have 12"},
       {.name = "precision",
        .kind = OPTION_CHOICE,
@@ -174,10 +158,5 @@ void train_public_options(struct train_job *job, struct option options[TRAIN_PUB
                {"update-extra-interval", "refresh_every"}};
   static_assert(sizeof names / sizeof *names == TRAIN_PUBLIC_OPTIONS, "the table has another number of rows");
   for (size_t i = 0; i < TRAIN_PUBLIC_OPTIONS; i++)
-    options[i] = (struct option){.name = names[i].name,
-                                 .kind = OPTION_SETTING,
-                                 .target = &job->chosen,
-                                 .setting = names[i].member,
-                                 .help = "",
-                                 .unlisted = true};
+    options[i] = (struct option){.name = names[i].name, ARGS_SETTING(&job->chosen, names[i].member), .unlisted = true};
 }
