@@ -59,7 +59,27 @@ struct option {
   bool unlisted;       /* absent from the help: the verb rejects it with a reason */
 };
 
-/* Members of the row of a setting. */
+/* The first members of a row, by its kind. Does not compile where the target's type is another. */
+#define ARGS_ROW(kind_, type, name_, target_) .name = (name_), .kind = (kind_), .target = (1 ? (target_) : (type *)0)
+#define ARGS_BOUNDED(kind_, type, name_, target_, least, most) \
+  ARGS_ROW(kind_, type, name_, target_), .low = (least), .high = (most)
+#define ARGS_FLAG(name, target) ARGS_ROW(OPTION_FLAG, bool, name, target)
+#define ARGS_OFF(name, target) ARGS_ROW(OPTION_OFF, bool, name, target)
+#define ARGS_INT(name, target, least, most) ARGS_BOUNDED(OPTION_INT, int, name, target, least, most)
+#define ARGS_COUNT(name, target, least, most) ARGS_BOUNDED(OPTION_COUNT, uint64_t, name, target, least, most)
+#define ARGS_FLOAT(name, target, least, most) ARGS_BOUNDED(OPTION_FLOAT, float, name, target, least, most)
+#define ARGS_SECONDS(name, target, least, most) ARGS_BOUNDED(OPTION_SECONDS, double, name, target, least, most)
+#define ARGS_DIMENSIONS(name, target, least, most) \
+  ARGS_BOUNDED(OPTION_DIMENSIONS, struct dimensions, name, target, least, most)
+#define ARGS_PAIR(name, target, least, most) ARGS_BOUNDED(OPTION_PAIR, struct pair, name, target, least, most)
+#define ARGS_TEXT(name, target) ARGS_ROW(OPTION_TEXT, const char *, name, target)
+#define ARGS_BYTES(name, target) ARGS_ROW(OPTION_BYTES, uint64_t, name, target)
+#define ARGS_CHOICE(name, target, words) ARGS_ROW(OPTION_CHOICE, int, name, target), .choices = (words)
+#define ARGS_RANGE(name, target) ARGS_ROW(OPTION_RANGE, struct range, name, target)
+#define ARGS_RANGE_PAIR(name, target) ARGS_ROW(OPTION_RANGE_PAIR, struct range, name, target)
+#define ARGS_RATE(name, target) ARGS_ROW(OPTION_RATE, struct rate, name, target)
+#define ARGS_FRAME(name, target) ARGS_ROW(OPTION_FRAME, uint64_t, name, target)
+#define ARGS_JSON(name, target) ARGS_ROW(OPTION_JSON, const char *, name, target)
 #define ARGS_SETTING(choice, member) .kind = OPTION_SETTING, .target = (choice), .setting = (member)
 
 /* options[count] = rows. Does not compile if the number of rows is not `count`. */

@@ -12,10 +12,7 @@ const char setting_no_truth[] =
 
 void setting_options(int *setting, struct option options[SETTING_OPTIONS]) {
   const struct option rows[] = {
-      {.name = "setting",
-       .kind = OPTION_CHOICE,
-       .target = setting,
-       .choices = "reconstruction|synchronization",
+      {ARGS_CHOICE("setting", setting, "reconstruction|synchronization"),
        .help =
            "setting of the paper's tables: reconstruction: unseen frames with the clip's own speech; synchronization: "
            "other speech, --audio, over the poses of all frames (or of --split), without the figures that need "

@@ -321,72 +321,30 @@ static void close_all(struct bench_job *job) {
 static void own_options(struct bench_job *job, struct option options[OWN_OPTIONS]) {
   struct session *session = &job->session;
   const struct option rows[] = {
-      {.name = "only",
-       .kind = OPTION_CHOICE,
-       .target = &job->only,
-       .choices = "all|peaks|kernels|frame|step",
+      {ARGS_CHOICE("only", &job->only, "all|peaks|kernels|frame|step"),
        .help = "what to measure; the peaks always are (default all)"},
-      {.name = "seconds",
-       .kind = OPTION_FLOAT,
-       .target = &job->seconds,
-       .low = 0,
-       .high = 86400,
+      {ARGS_FLOAT("seconds", &job->seconds, 0, 86400),
        .help = "seconds for all measurements, about: a measurement that takes longer is made once nevertheless"},
-      {.name = "frames",
-       .kind = OPTION_INT,
-       .target = &job->frames,
-       .low = 1,
-       .high = 1000,
-       .help = "maximum number of repeats of a frame"},
-      {.name = "rays",
-       .kind = OPTION_INT,
-       .target = &job->rays,
-       .low = 1,
-       .high = 1 << 20,
+      {ARGS_INT("frames", &job->frames, 1, 1000), .help = "maximum number of repeats of a frame"},
+      {ARGS_INT("rays", &job->rays, 1, 1 << 20),
        .help = "rays of a training step, and of kernels where a device is measured"},
-      {.name = "size",
-       .kind = OPTION_DIMENSIONS,
-       .target = &job->size,
-       .low = 1,
-       .high = 8192,
-       .help = "size of the made-up frame (default 450x450)"},
-      {.name = "force",
-       .kind = OPTION_FLAG,
-       .target = &job->portrait.force,
-       .help = "use the model although it was trained on another clip"},
-      {.name = "seed",
-       .kind = OPTION_COUNT,
-       .target = &session->seed,
-       .low = 0,
-       .help = "seed of the made-up scene and of the rays"}};
+      {ARGS_DIMENSIONS("size", &job->size, 1, 8192), .help = "size of the made-up frame (default 450x450)"},
+      {ARGS_FLAG("force", &job->portrait.force), .help = "use the model although it was trained on another clip"},
+      {ARGS_COUNT("seed", &session->seed, 0, 0), .help = "seed of the made-up scene and of the rays"}};
   ARGS_FILL(options, rows, OWN_OPTIONS);
 }
 
 static void place_options(struct bench_job *job, struct option options[PLACE_OPTIONS]) {
   struct session *session = &job->session;
   const struct option rows[] = {
-      {.name = "backend",
-       .kind = OPTION_CHOICE,
-       .target = &job->place,
-       .choices = "cpu|opencl|all",
+      {ARGS_CHOICE("backend", &job->place, "cpu|opencl|all"),
        .help = "what is measured; all: both, in turns, and how many times as fast the device is (default cpu)"},
-      {.name = "device",
-       .kind = OPTION_INT,
-       .target = &session->device,
-       .low = 0,
-       .high = 255,
+      {ARGS_INT("device", &session->device, 0, 255),
        .help = "number of an OpenCL device, as `ernerf info devices` counts; with --backend opencl or all"},
-      {.name = "isa",
-       .kind = OPTION_TEXT,
-       .target = &job->isas,
-       .choices = "LIST",
+      {ARGS_TEXT("isa", &job->isas), .choices = "LIST",
        .help = "instruction sets of the CPU, with commas between (default all that the machine has, but ref64; with "
                "--backend all the best)"},
-      {.name = "threads",
-       .kind = OPTION_INT,
-       .target = &session->threads,
-       .low = 0,
-       .high = ERN_THREADS_MOST,
+      {ARGS_INT("threads", &session->threads, 0, ERN_THREADS_MOST),
        .help = "threads of the CPU for a frame and a step; kernels are measured on one thread, but with --backend "
                "all on all of them (default 0: one a core)"}};
   ARGS_FILL(options, rows, PLACE_OPTIONS);

@@ -141,18 +141,11 @@ static void set_inputs(struct compare *c) {
 int cmd_compare(int argc, char **argv) {
   struct compare c = {.folder = NULL};
   struct option own[OWN_OPTIONS] = {
-      {.name = "o",
-       .alias = "output",
-       .kind = OPTION_TEXT,
-       .target = &c.folder,
-       .choices = "DIR",
+      {ARGS_TEXT("o", &c.folder), .alias = "output", .choices = "DIR",
        .help =
            "folder for index.html, frames.csv, compare.json, compare.mp4, best.png, median.png and worst.png: a new "
            "one, an empty one, or with --overwrite one that this verb made; the folder around it must exist"},
-      {.name = "audio",
-       .alias = "aud",
-       .kind = OPTION_TEXT,
-       .target = &c.asked.source.features,
+      {ARGS_TEXT("audio", &c.asked.source.features), .alias = "aud",
        .help = "the clip's speech from another file, a sound or speech features (.npy), instead of the clip's own"}};
   lpips_weights_options(&c.perceptual.weights, own + OWN_OPTIONS - LPIPS_OPTIONS);
   struct option shared[PORTRAIT_OPTIONS], common[SESSION_OUTPUT_OPTIONS + SESSION_COMPUTE_OPTIONS];

@@ -248,24 +248,10 @@ static void close_all(struct soak_job *job) {
 
 static void own_options(struct soak_job *job, struct option options[OWN_OPTIONS]) {
   const struct option rows[] = {
-      {.name = "steps",
-       .kind = OPTION_COUNT,
-       .target = &job->steps,
-       .low = 1,
-       .high = 1e12,
-       .help = "training steps in all (default 10000)"},
-      {.name = "seconds",
-       .kind = OPTION_FLOAT,
-       .target = &job->seconds,
-       .low = 0,
-       .high = 1e9,
-       .help = "after which it ends, whatever --steps says; 0: never"},
-      {.name = "torso", .kind = OPTION_FLAG, .target = &job->torso, .help = "train torsos, under a head of one step"},
-      {.name = "first",
-       .kind = OPTION_COUNT,
-       .target = &job->first,
-       .low = 0,
-       .high = 1e12,
+      {ARGS_COUNT("steps", &job->steps, 1, 1e12), .help = "training steps in all (default 10000)"},
+      {ARGS_FLOAT("seconds", &job->seconds, 0, 1e9), .help = "after which it ends, whatever --steps says; 0: never"},
+      {ARGS_FLAG("torso", &job->torso), .help = "train torsos, under a head of one step"},
+      {ARGS_COUNT("first", &job->first, 0, 1e12),
        .help = "round to begin with: a round and its settings follow from --seed and its number"}};
   ARGS_FILL(options, rows, OWN_OPTIONS);
 }

@@ -68,6 +68,18 @@ static int take_fault(struct args *args, const char *text, ern_synth_options *op
                      text);
 }
 
+static int check_usage(struct args *args, ern_synth_options *synth, const char *fault) {
+  int status = -1;
+  if (synth->text_file == NULL) status = args_forbid(args, "voice words-per-minute", "is of --text");
+  if (status < 0 && synth->video == NULL) status = args_forbid(args, "crf", "is of --video");
+  if (status < 0 && !synth->moving_camera)
+    status = args_forbid(args, "turn", "moves the head, --static-camera does not");
+  if (status < 0 && synth->video != NULL && !ends_with(synth->video, ".mp4"))
+    status = args_refuse(args, "--video is \"%s\", expected NAME.mp4", synth->video);
+  if (status < 0 && fault != NULL) status = take_fault(args, fault, synth);
+  return status;
+}
+
 int cmd_synth(int argc, char **argv) {
   struct session session = {0};
   const char *folder = NULL;
@@ -76,79 +88,32 @@ int cmd_synth(int argc, char **argv) {
   int room = ERN_SYNTH_BOOKS;
   const char *fault = NULL;
   struct option own[] = {
-      {.name = "size",
-       .kind = OPTION_INT,
-       .target = &synth.size,
-       .low = 64,
-       .high = 1080,
-       .choices = "S",
-       .help = "pixels a side"},
-      {.name = "frames",
-       .kind = OPTION_INT,
-       .target = &synth.frames,
-       .low = 8,
-       .high = 100000,
+      {ARGS_INT("size", &synth.size, 64, 1080), .choices = "S", .help = "pixels a side"},
+      {ARGS_INT("frames", &synth.frames, 8, 100000),
        .help =
            "number of frames, 25 a second; one in eleven is for validation (default 250, or as long as --text takes)"},
-      {.name = "seed",
-       .kind = OPTION_COUNT,
-       .target = &session.seed,
-       .low = 0,
+      {ARGS_COUNT("seed", &session.seed, 0, 0),
        .help = "another person, other speech; same seed, same bytes (default 0)"},
-      {.name = "text",
-       .kind = OPTION_TEXT,
-       .target = &synth.text_file,
-       .choices = "FILE.txt",
+      {ARGS_TEXT("text", &synth.text_file), .choices = "FILE.txt",
        .help = "speech: what espeak-ng says of this text; the jaw follows its phonemes (default: made-up syllables)"},
-      {.name = "voice",
-       .kind = OPTION_TEXT,
-       .target = &synth.spoken.voice,
-       .choices = "NAME",
+      {ARGS_TEXT("voice", &synth.spoken.voice), .choices = "NAME",
        .help = "voice of --text, one of `espeak-ng --voices`: de, en-us, en-us+f3 (default en-us)"},
-      {.name = "words-per-minute",
-       .kind = OPTION_INT,
-       .target = &synth.spoken.words_per_minute,
-       .low = 80,
-       .high = 450,
+      {ARGS_INT("words-per-minute", &synth.spoken.words_per_minute, 80, 450),
        .help = "words a minute of --text, 80 to 450"},
-      {.name = "no-blink", .kind = OPTION_OFF, .target = &synth.blink, .help = "eyes stay open, no au.csv"},
-      {.name = "no-torso", .kind = OPTION_OFF, .target = &synth.torso, .help = "a head alone, empty torso pictures"},
-      {.name = "static-camera",
-       .kind = OPTION_OFF,
-       .target = &synth.moving_camera,
+      {ARGS_OFF("no-blink", &synth.blink), .help = "eyes stay open, no au.csv"},
+      {ARGS_OFF("no-torso", &synth.torso), .help = "a head alone, empty torso pictures"},
+      {ARGS_OFF("static-camera", &synth.moving_camera),
        .help = "the head keeps still: every frame has the first one's pose"},
-      {.name = "turn",
-       .kind = OPTION_FLOAT,
-       .target = &turn,
-       .low = 1,
-       .high = 40,
-       .choices = "DEG",
+      {ARGS_FLOAT("turn", &turn, 1, 40), .choices = "DEG",
        .help = "largest turn of the head left or right, 1 to 40 degrees; nods have at most half of it, tilts a third "
                "(default: chosen by the seed, below 12)"},
-      {.name = "room",
-       .kind = OPTION_CHOICE,
-       .target = &room,
-       .choices = "books|plain|cluttered",
-       .help = "what is behind the person (default books)"},
-      {.name = "parsing",
-       .kind = OPTION_FLAG,
-       .target = &synth.parsing,
+      {ARGS_CHOICE("room", &room, "books|plain|cluttered"), .help = "what is behind the person (default books)"},
+      {ARGS_FLAG("parsing", &synth.parsing),
        .help = "parsing/ID.png too: head, neck, torso and background in AD-NeRF's colours"},
-      {.name = "video",
-       .kind = OPTION_TEXT,
-       .target = &synth.video,
-       .choices = "FILE.mp4",
+      {ARGS_TEXT("video", &synth.video), .choices = "FILE.mp4",
        .help = "the same frames with the sound as a video too"},
-      {.name = "crf",
-       .kind = OPTION_INT,
-       .target = &synth.crf,
-       .low = 0,
-       .high = 51,
-       .help = "H.264 quality of --video, the lower the better (default 18)"},
-      {.name = "fault",
-       .kind = OPTION_TEXT,
-       .target = &fault,
-       .choices = "NAME:STRENGTH",
+      {ARGS_INT("crf", &synth.crf, 0, 51), .help = "H.264 quality of --video, the lower the better (default 18)"},
+      {ARGS_TEXT("fault", &fault), .choices = "NAME:STRENGTH",
        .help = "a fault that makes the video hard to prepare: camera:DEG (0.1 to 5): the camera is held by hand and "
                "turns by DEG; occlude:PERCENT (to 50): a rod of that share of the side passes before the face; "
                "profile:DEG (to 80): the head is turned by DEG for a third of the time; still:PERCENT (to 100): the "
@@ -164,13 +129,7 @@ int cmd_synth(int argc, char **argv) {
       .groups = {{"The clip:", own, sizeof own / sizeof own[0]}, {"Output:", output, SESSION_OUTPUT_OPTIONS}}};
   session_output_options(&session, output);
   int status = args_parse(&args, argc, argv);
-  if (status < 0 && synth.text_file == NULL) status = args_forbid(&args, "voice words-per-minute", "is of --text");
-  if (status < 0 && synth.video == NULL) status = args_forbid(&args, "crf", "is of --video");
-  if (status < 0 && !synth.moving_camera)
-    status = args_forbid(&args, "turn", "moves the head, --static-camera does not");
-  if (status < 0 && synth.video != NULL && !ends_with(synth.video, ".mp4"))
-    status = args_refuse(&args, "--video is \"%s\", expected NAME.mp4", synth.video);
-  if (status < 0 && fault != NULL) status = take_fault(&args, fault, &synth);
+  if (status < 0) status = check_usage(&args, &synth, fault);
   synth.turn = (double)turn;
   synth.room = (enum ern_synth_room)room;
   if (synth.text_file != NULL && !args_given(&args, "frames")) synth.frames = 0;

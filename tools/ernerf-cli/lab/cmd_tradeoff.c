@@ -136,17 +136,9 @@ int cmd_tradeoff(int argc, char **argv) {
   if (asks_for_training(argc, argv)) return tradeoff_training(argc, argv);
   struct tradeoff t = {.seconds = 120};
   struct option own[OWN_OPTIONS] = {
-      {.name = "o",
-       .alias = "output",
-       .kind = OPTION_TEXT,
-       .target = &t.folder,
-       .choices = "DIR",
+      {ARGS_TEXT("o", &t.folder), .alias = "output", .choices = "DIR",
        .help = "folder for index.html, tradeoff.csv, tradeoff.json and plots; made if missing"},
-      {.name = "seconds",
-       .kind = OPTION_FLOAT,
-       .target = &t.seconds,
-       .low = 1,
-       .high = 86400,
+      {ARGS_FLOAT("seconds", &t.seconds, 1, 86400),
        .help = "seconds for all measurements, about; the exact render and three measurements of a few settings are "
                "made in any case"}};
   struct option shared[PORTRAIT_OPTIONS], common[SESSION_OUTPUT_OPTIONS + SESSION_COMPUTE_OPTIONS];

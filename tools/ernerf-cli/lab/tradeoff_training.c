@@ -49,51 +49,22 @@ struct training_job {
 
 static void own_options(struct training_job *job, struct option options[OWN_OPTIONS]) {
   const struct option rows[] = {
-      {.name = "training", .kind = OPTION_FLAG, .target = &job->training, .help = "compare trainings, not renders"},
-      {.name = "o",
-       .alias = "output",
-       .kind = OPTION_TEXT,
-       .target = &job->folder,
-       .choices = "DIR",
+      {ARGS_FLAG("training", &job->training), .help = "compare trainings, not renders"},
+      {ARGS_TEXT("o", &job->folder), .alias = "output", .choices = "DIR",
        .help = "folder for the table, curves and plots; made if it is missing"},
-      {.name = "seconds",
-       .kind = OPTION_FLOAT,
-       .target = &job->seconds,
-       .low = 0.1,
-       .high = 1e6,
-       .help = "seconds of training for each curve and seed"},
-      {.name = "rays",
-       .alias = "num_rays",
-       .kind = OPTION_INT,
-       .target = &job->rays,
-       .low = 16,
-       .high = 65536,
+      {ARGS_FLOAT("seconds", &job->seconds, 0.1, 1e6), .help = "seconds of training for each curve and seed"},
+      {ARGS_INT("rays", &job->rays, 16, 65536), .alias = "num_rays",
        .help = "rays a step of the training that the others are compared with, which take a quarter, 4 and 16 times as "
                "many"},
-      {.name = "levels",
-       .kind = OPTION_INT,
-       .target = &job->levels,
-       .low = 4,
-       .high = 20,
+      {ARGS_INT("levels", &job->levels, 4, 20),
        .help = "levels of the hash encoder of that training; two others have 4 fewer and 4 more"},
-      {.name = "seeds",
-       .kind = OPTION_INT,
-       .target = &job->seeds,
-       .low = 1,
-       .high = TRAINING_SEEDS,
+      {ARGS_INT("seeds", &job->seeds, 1, TRAINING_SEEDS),
        .help = "number of trainings of each kind, with different seeds: their spread shows which differences may be "
                "chance"},
-      {.name = "opencl", .kind = OPTION_FLAG, .target = &job->opencl, .help = "OpenCL devices too"},
-      {.name = "double",
-       .kind = OPTION_FLAG,
-       .target = &job->in_double,
+      {ARGS_FLAG("opencl", &job->opencl), .help = "OpenCL devices too"},
+      {ARGS_FLAG("double", &job->in_double),
        .help = "double precision too, which the scalar reference alone has: hundreds of times slower"},
-      {.name = "seed",
-       .kind = OPTION_COUNT,
-       .target = &job->session.seed,
-       .low = 0,
-       .high = 0,
-       .help = "seed of the first training of each kind"}};
+      {ARGS_COUNT("seed", &job->session.seed, 0, 0), .help = "seed of the first training of each kind"}};
   ARGS_FILL(options, rows, OWN_OPTIONS - CLIP_SOURCE_OPTIONS - LPIPS_OPTIONS);
   clip_source_options(&job->source, options + sizeof rows / sizeof *rows);
   lpips_weights_options(&job->weights, options + OWN_OPTIONS - LPIPS_OPTIONS);
@@ -392,11 +363,7 @@ int tradeoff_training(int argc, char **argv) {
       .groups = {{"What is compared:", own, OWN_OPTIONS}, {"Common:", common, SESSION_OUTPUT_OPTIONS + 1}}};
   own_options(&job, own);
   session_output_options(&job.session, common);
-  common[SESSION_OUTPUT_OPTIONS] = (struct option){.name = "threads",
-                                                   .kind = OPTION_INT,
-                                                   .target = &job.session.threads,
-                                                   .low = 1,
-                                                   .high = ERN_THREADS_MOST,
+  common[SESSION_OUTPUT_OPTIONS] = (struct option){ARGS_INT("threads", &job.session.threads, 1, ERN_THREADS_MOST),
                                                    .help = "of the CPU (default one a core)"};
   int status = args_parse(&args, argc, argv);
   if (status < 0 && job.folder == NULL) status = args_refuse(&args, "-o DIR is missing");

@@ -18,60 +18,28 @@ enum { IN_OPTIONS = 9, OUT_OPTIONS = 12, AUDIO_WINDOWS = 8, SOUND_RATE = 48000 }
 
 static void in_options(struct live_job *job, struct option options[IN_OPTIONS]) {
   const struct option rows[] = {
-      {.name = "clip",
-       .kind = OPTION_TEXT,
-       .target = &job->portrait.source.path,
-       .choices = "CLIP",
+      {ARGS_TEXT("clip", &job->portrait.source.path), .choices = "CLIP",
        .help = "folder of the clip that the model was trained on: poses, eyes, background, and how the mouth rests"},
-      {.name = "video",
-       .kind = OPTION_TEXT,
-       .target = &job->video.path,
-       .choices = "VIDEO",
+      {ARGS_TEXT("video", &job->video.path), .choices = "VIDEO",
        .help = "the recorded video that CLIP was prepared from: its frames are shown, forward and backward, with a "
                "rendered mouth (docs/dub.md)"},
-      {.name = "audio",
-       .kind = OPTION_TEXT,
-       .target = &job->sound.url,
-       .choices = "INPUT",
+      {ARGS_TEXT("audio", &job->sound.url), .choices = "INPUT",
        .help = "the sound: a file, - for standard input, an address, or DEVICE:NAME of FFmpeg such as pulse:default or "
                "alsa:hw:0; the first frame waits for the sound of a file; without --audio the person rests, and speaks "
                "what --control says"},
-      {.name = "audio-format",
-       .kind = OPTION_TEXT,
-       .target = &job->sound.format,
-       .choices = "NAME",
+      {ARGS_TEXT("audio-format", &job->sound.format), .choices = "NAME",
        .help =
            "FFmpeg's name of the sound's format, such as s16le or f32le, samples without a header (default: detected)"},
-      {.name = "audio-rate",
-       .seldom = true,
-       .kind = OPTION_INT,
-       .target = &job->sound.format_rate,
-       .low = 1000,
-       .high = 384000,
+      {ARGS_INT("audio-rate", &job->sound.format_rate, 1000, 384000), .seldom = true,
        .help = "samples a second of sound without a header (default 16000)"},
-      {.name = "audio-channels",
-       .seldom = true,
-       .kind = OPTION_INT,
-       .target = &job->sound.format_channels,
-       .low = 1,
-       .high = 8,
+      {ARGS_INT("audio-channels", &job->sound.format_channels, 1, 8), .seldom = true,
        .help = "channels of sound without a header (default 1)"},
-      {.name = "stay",
-       .kind = OPTION_FLAG,
-       .target = &job->sound.keeps_running,
+      {ARGS_FLAG("stay", &job->sound.keeps_running),
        .help = "when the sound has ended, keep the stream going with the person at rest"},
-      {.name = "max-delay",
-       .kind = OPTION_SECONDS,
-       .target = &job->most_delay,
-       .low = 0.04,
-       .high = 10,
+      {ARGS_SECONDS("max-delay", &job->most_delay, 0.04, 10),
        .help = "skip frames, with their sound, while more than T of sound waits beyond the look-ahead, "
                "such as that of a microphone which started before the rendering (default: no limit; 0.2 for a DEVICE)"},
-      {.name = "look-ahead",
-       .kind = OPTION_INT,
-       .target = &job->look_ahead,
-       .low = ERN_LIVE_LEAST_LOOK_AHEAD,
-       .high = ERN_LIVE_LOOK_AHEAD,
+      {ARGS_INT("look-ahead", &job->look_ahead, ERN_LIVE_LEAST_LOOK_AHEAD, ERN_LIVE_LOOK_AHEAD),
        .help =
            "number of frames (40 ms each), 2 to 7, of sound after a frame that are used for it: each one less shows "
            "the frame 40 ms sooner and moves the mouth less accurately (default 7, all that the model takes)"}};
@@ -80,68 +48,31 @@ static void in_options(struct live_job *job, struct option options[IN_OPTIONS]) 
 
 static void out_options(struct live_job *job, struct option options[OUT_OPTIONS]) {
   const struct option rows[] = {
-      {.name = "o",
-       .alias = "output",
-       .kind = OPTION_TEXT,
-       .target = &job->output.url,
-       .choices = "OUT",
+      {ARGS_TEXT("o", &job->output.url), .alias = "output", .choices = "OUT",
        .help = "a file, - for standard output, or an address: rtmp://, udp://, tcp://, srt://, or http://HOST:PORT/, "
                "to which a browser or player can connect"},
-      {.name = "format",
-       .kind = OPTION_TEXT,
-       .target = &job->output.format,
-       .choices = "NAME",
+      {ARGS_TEXT("format", &job->output.format), .choices = "NAME",
        .help = "y4m, nut, mpegts, flv, mp4, matroska or raw (RGBA8) (default by the name)"},
-      {.name = "size",
-       .kind = OPTION_DIMENSIONS,
-       .target = &job->size,
-       .low = 1,
-       .high = ERN_IMAGE_MAX_SIDE,
+      {ARGS_DIMENSIONS("size", &job->size, 1, ERN_IMAGE_MAX_SIDE),
        .help = "size of the frames (default that of the clip; with --video that of VIDEO alone)"},
-      {.name = "fit",
-       .kind = OPTION_CHOICE,
-       .target = &job->fit,
-       .choices = "contain|cover",
+      {ARGS_CHOICE("fit", &job->fit, "contain|cover"),
        .help = "how the clip's frame goes into a --size of another aspect: contain shows all of it and continues its "
                "edges, cover fills the picture and cuts the frame (default contain)"},
-      {.name = "fps", .kind = OPTION_RATE, .target = &job->rate, .help = "frames a second, 1 to 100 (default 25)"},
-      {.name = "bg_img",
-       .kind = OPTION_TEXT,
-       .target = &job->background_file,
-       .choices = "FILE|white|black",
+      {ARGS_RATE("fps", &job->rate), .help = "frames a second, 1 to 100 (default 25)"},
+      {ARGS_TEXT("bg_img", &job->background_file), .choices = "FILE|white|black",
        .help = "background (default the clip's)"},
-      {.name = "crf",
-       .kind = OPTION_INT,
-       .target = &job->output.crf,
-       .low = 0,
-       .high = 51,
-       .help = "H.264 quality, the lower the better"},
-      {.name = "slow-reader",
-       .kind = OPTION_CHOICE,
-       .target = &job->output.drops,
-       .choices = "wait|drop",
+      {ARGS_INT("crf", &job->output.crf, 0, 51), .help = "H.264 quality, the lower the better"},
+      {ARGS_CHOICE("slow-reader", &job->slow_reader, "wait|drop"),
        .help = "where the output is read too slowly: rendering waits, or frames are left out, with their sound "
                "(default drop; wait for a file, and with --as-fast)"},
-      {.name = "as-fast",
-       .kind = OPTION_FLAG,
-       .target = &job->unpaced,
+      {ARGS_FLAG("as-fast", &job->unpaced),
        .help = "render each frame as soon as its sound is there, not in real time, with the settings as given"},
-      {.name = "duration",
-       .kind = OPTION_SECONDS,
-       .target = &job->seconds,
-       .low = 0.04,
-       .high = 1e9,
+      {ARGS_SECONDS("duration", &job->seconds, 0.04, 1e9),
        .help = "end after T, such as 90, 90s, 10m or 1.5h (default: when the sound ends)"},
-      {.name = "control",
-       .kind = OPTION_TEXT,
-       .target = &job->commands.path,
-       .choices = "-|SOCKET",
+      {ARGS_TEXT("control", &job->commands.path), .choices = "-|SOCKET",
        .help = "reads lines from standard input, or makes a local socket for them: say TEXT, play FILE, stop, hold "
                "on|off, eyes 0..1|clip, background FILE|white|black|clip, statistics, quit"},
-      {.name = "voice",
-       .kind = OPTION_TEXT,
-       .target = &job->sound.voice,
-       .choices = "NAME",
+      {ARGS_TEXT("voice", &job->sound.voice), .choices = "NAME",
        .help = "espeak-ng's voice that says what --control asks for (default en)"}};
   job->rate = (struct rate){RATE_CLIP, 1};
   job->look_ahead = ERN_LIVE_LOOK_AHEAD;
@@ -183,7 +114,7 @@ static const char *file_of(const char *url) {
 }
 
 /* Checks the options. The policy for a slow reader is an option whose default depends on --as-fast. */
-static int check_usage(struct live_job *job, const struct args *args, int slow_reader) {
+static int check_usage(struct live_job *job, const struct args *args) {
   int status = -1;
   if (job->portrait.source.path == NULL) return args_refuse(args, "--clip CLIP is missing");
   if (job->output.url == NULL) return args_refuse(args, "-o OUT is missing");
@@ -214,7 +145,7 @@ static int check_usage(struct live_job *job, const struct args *args, int slow_r
   if (!args_given(args, "max-delay") && job->sound.url != NULL && ern_sound_reader_is_device(job->sound.url))
     job->most_delay = 0.2;
   job->output.drops =
-      args_given(args, "slow-reader") ? slow_reader == 1 : !job->unpaced && file_of(job->output.url) == NULL;
+      args_given(args, "slow-reader") ? job->slow_reader == 1 : !job->unpaced && file_of(job->output.url) == NULL;
   return status;
 }
 
@@ -411,6 +342,13 @@ static void close_all(struct live_job *job) {
   session_close(&job->session);
 }
 
+static int run(struct live_job *job, const struct args *args) {
+  int status = open_all(job, args);
+  if (status == 0) status = finish(job, live_run(job));
+  close_all(job);
+  return status;
+}
+
 int cmd_live(int argc, char **argv) {
   struct live_job *job = calloc(1, sizeof *job);
   struct option in[IN_OPTIONS],
@@ -439,11 +377,9 @@ int cmd_live(int argc, char **argv) {
                  {"Eyes, mouth and pose:", control, CONTROL_OPTIONS + SILENCE_POSE_OPTIONS},
                  {"How:", shared, PORTRAIT_OPTIONS},
                  {"Common:", common, SESSION_OUTPUT_OPTIONS + SESSION_COMPUTE_OPTIONS}}};
-  int slow_reader = 1;
+  job->slow_reader = 1;
   in_options(job, in);
   out_options(job, out);
-  for (size_t i = 0; i < OUT_OPTIONS; i++)
-    if (out[i].target == &job->output.drops) out[i].target = &slow_reader;
   portrait_options(&job->portrait, FRAME_SOURCE_ALL, shared);
   control_options(&job->control, control);
   silence_pose_options(&job->silence_pose, control + CONTROL_OPTIONS);
@@ -459,17 +395,13 @@ int cmd_live(int argc, char **argv) {
   job->portrait.other_speech = true;
   args_unlist(&args, "split frames eye smooth_lips speech-model speech-preset");
   int status = args_parse(&args, argc, argv);
-  if (status < 0) status = check_usage(job, &args, slow_reader);
+  if (status < 0) status = check_usage(job, &args);
   const char *const inputs[SESSION_INPUTS] = {job->portrait.model_path, job->portrait.source.path, job->background_file,
                                               job->rate_control.front,  file_of(job->sound.url),   job->video.path};
   memcpy(job->session.inputs, inputs, sizeof inputs);
   if (job->sound.url == NULL) job->sound.keeps_running = true;
   if (status < 0) status = session_open(&job->session, &args);
-  if (status < 0) {
-    status = open_all(job, &args);
-    if (status == 0) status = finish(job, live_run(job));
-    close_all(job);
-  }
+  if (status < 0) status = run(job, &args);
   free(job);
   return status;
 }

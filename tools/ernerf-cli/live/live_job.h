@@ -43,6 +43,7 @@ struct live_job {
   struct dimensions size; /* of the frames */
   int fit;                /* ern_fit */
   struct rate rate;
+  int slow_reader;   /* 0: wait, 1: drop frames */
   int look_ahead;    /* frames at 25 fps */
   double seconds;    /* duration; 0: unlimited */
   double most_delay; /* seconds of sound that may be queued; 0: unlimited */

@@ -12,18 +12,10 @@ static const double share = 0.05 /* of the shorter side */, least = 5 /* pixels,
                     ground = 0.6 /* its opacity */;
 
 void label_options(struct label *label, struct option options[LABEL_OPTIONS]) {
-  const struct option rows[] = {{.name = "label",
-                                 .kind = OPTION_TEXT,
-                                 .target = &label->text,
-                                 .choices = "TEXT",
+  const struct option rows[] = {{ARGS_TEXT("label", &label->text), .choices = "TEXT",
                                  .help = "text drawn on the frames that says what they are, such as \"made by AI\"; "
                                          "its capitals are 5 % of the shorter side high, 5 pixels at least"},
-                                {.name = "label-time",
-                                 .seldom = true,
-                                 .kind = OPTION_SECONDS,
-                                 .target = &label->seconds,
-                                 .low = 0.04,
-                                 .high = 1e6,
+                                {ARGS_SECONDS("label-time", &label->seconds, 0.04, 1e6), .seldom = true,
                                  .help = "for how long from the first frame on, such as 2s (default: in all frames)"}};
   ARGS_FILL(options, rows, LABEL_OPTIONS);
 }

@@ -11,9 +11,7 @@ enum { SHORT_HASH = 32 /* letters of a hash within the id */, MOST_BYTES = 1 << 
 
 void provenance_options(struct provenance *provenance, struct option options[PROVENANCE_OPTIONS]) {
   const struct option rows[] = {
-      {.name = "no-provenance",
-       .kind = OPTION_FLAG,
-       .target = &provenance->off,
+      {ARGS_FLAG("no-provenance", &provenance->off),
        .help = "do not say in the output that a model made it, and write no OUT.provenance.json beside it"}};
   ARGS_FILL(options, rows, PROVENANCE_OPTIONS);
 }

@@ -19,29 +19,16 @@ static const char *const formats[] = {"raw", "y4m", "nut", "mpegts", "flv", "mp4
 
 void sink_options(struct sink *sink, struct option options[SINK_OPTIONS]) {
   const struct option rows[] = {
-      {.name = "crf",
-       .kind = OPTION_INT,
-       .target = &sink->crf,
-       .low = 0,
-       .high = 63,
+      {ARGS_INT("crf", &sink->crf, 0, 63),
        .help = "quality of a video, the lower the better; of h264 and hevc 51 at most"},
-      {.name = "preset",
+      {ARGS_CHOICE("preset", &sink->preset,
+                   "ultrafast|superfast|veryfast|faster|fast|medium|slow|slower|veryslow|placebo"),
        .seldom = true,
-       .kind = OPTION_CHOICE,
-       .target = &sink->preset,
-       .choices = "ultrafast|superfast|veryfast|faster|fast|medium|slow|slower|veryslow|placebo",
        .help = "speed of the encoders of h264 and hevc: slower ones make smaller files (default veryfast)"},
-      {.name = "codec",
-       .kind = OPTION_CHOICE,
-       .target = &sink->codec,
-       .choices = "h264|hevc|vp9|av1|ffv1",
+      {ARGS_CHOICE("codec", &sink->codec, "h264|hevc|vp9|av1|ffv1"),
        .help = "codec of a video: .mp4 takes h264, hevc, vp9, av1; .mov h264, hevc; .webm vp9, av1; .mkv all; ffv1 "
                "is lossless (default h264, of a .webm vp9)"},
-      {.name = "format",
-       .alias = "f",
-       .kind = OPTION_CHOICE,
-       .target = &sink->format,
-       .choices = "raw|y4m|nut|mpegts|flv|mp4|matroska",
+      {ARGS_CHOICE("format", &sink->format, "raw|y4m|nut|mpegts|flv|mp4|matroska"), .alias = "f",
        .help = "what -o - writes: raw is RGBA8 (default); y4m has no sound, nut is not compressed, the others are h264 "
                "and aac"}};
   sink->crf = ern_video_options_default(1, 1).crf;

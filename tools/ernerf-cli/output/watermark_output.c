@@ -6,10 +6,7 @@
 
 void watermark_options(struct watermark *watermark, struct option options[WATERMARK_OPTIONS]) {
   const struct option rows[] = {
-      {.name = "watermark",
-       .kind = OPTION_TEXT,
-       .target = &watermark->key,
-       .choices = "KEY",
+      {ARGS_TEXT("watermark", &watermark->key), .choices = "KEY",
        .help = "a faint pattern on the frames, which `ernerf detect` finds again with the same KEY, a text of at most "
                "255 bytes (default none)"}};
   ARGS_FILL(options, rows, WATERMARK_OPTIONS);

@@ -4,17 +4,11 @@
 #include <stdlib.h>
 
 void clip_source_options(struct clip_source *source, struct option options[CLIP_SOURCE_OPTIONS]) {
-  const struct option rows[] = {{.name = "asr_model",
-                                 .kind = OPTION_TEXT,
-                                 .target = &source->asr_model,
-                                 .choices = "NAME",
+  const struct option rows[] = {{ARGS_TEXT("asr_model", &source->asr_model), .choices = "NAME",
                                  .help = "kind of the clip's speech features: deepspeech, esperanto, hubert or cepstra "
                                          "(default: the first that there is of aud_ds.npy, aud_eo.npy, aud_hu.npy, "
                                          "aud.npy, aud_cep.npy, and aud.wav, from which cepstra are computed)"},
-                                {.name = "memory",
-                                 .seldom = true,
-                                 .kind = OPTION_BYTES,
-                                 .target = &source->memory,
+                                {ARGS_BYTES("memory", &source->memory), .seldom = true,
                                  .help = "maximum memory for decoded frames of the clip, such as 512M (default half of "
                                          "the memory that the process may use)"}};
   ARGS_FILL(options, rows, CLIP_SOURCE_OPTIONS - SPEECH_MODEL_OPTIONS);

@@ -14,12 +14,7 @@ enum {
 void frame_reuse_options(struct frame_reuse *frame_reuse, struct option options[FRAME_REUSE_OPTIONS]) {
   frame_reuse->levels = 0.5f;
   const struct option rows[] = {
-      {.name = "reuse-rays",
-       .seldom = true,
-       .kind = OPTION_FLOAT,
-       .target = &frame_reuse->levels,
-       .low = -1,
-       .high = 255,
+      {ARGS_FLOAT("reuse-rays", &frame_reuse->levels, -1, 255), .seldom = true,
        .help = "while the camera does not move, interpolate rays that change little; X is the largest error of a "
                "pixel in grey levels of 255; 0: reuse only rays that cannot change; -1: render every frame completely "
                "(default 0.5)"}};

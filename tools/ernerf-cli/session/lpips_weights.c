@@ -5,15 +5,9 @@
 
 void lpips_weights_options(struct lpips_weights *weights, struct option options[LPIPS_OPTIONS]) {
   const struct option rows[] = {
-      {.name = "lpips-network",
-       .kind = OPTION_TEXT,
-       .target = &weights->network,
-       .choices = "FILE",
+      {ARGS_TEXT("lpips-network", &weights->network), .choices = "FILE",
        .help = "the weights of AlexNet or VGG16, as torchvision stores them (.pth or .safetensors)"},
-      {.name = "lpips-heads",
-       .kind = OPTION_TEXT,
-       .target = &weights->heads,
-       .choices = "FILE",
+      {ARGS_TEXT("lpips-heads", &weights->heads), .choices = "FILE",
        .help = "the weights of LPIPS v0.1 for that network (alex.pth or vgg.pth)"}};
   *weights = (struct lpips_weights){0};
   ARGS_FILL(options, rows, LPIPS_OPTIONS);

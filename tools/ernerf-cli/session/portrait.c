@@ -23,62 +23,32 @@ void portrait_options(struct portrait *portrait, enum frame_source_split split,
   portrait->frames = (struct range){.open_end = true};
   portrait->chosen = (struct setting_choice){.config = &portrait->render, .row = ern_render_setting};
   const struct option rows[] = {
-      {.name = "split",
-       .kind = OPTION_CHOICE,
-       .target = &portrait->split,
-       .choices = "train|val|all",
+      {ARGS_CHOICE("split", &portrait->split, "train|val|all"),
        .help = split == FRAME_SOURCE_ALL ? "frames of the clip: train: those of transforms_train.json; val: those of "
                                            "transforms_val.json; all: both (default all)"
                                          : "frames of the clip: train: those of transforms_train.json; val: those of "
                                            "transforms_val.json; all: both (default val)"},
-      {.name = "frames",
-       .kind = OPTION_RANGE,
-       .target = &portrait->frames,
+      {ARGS_RANGE("frames", &portrait->frames),
        .help = "frames [A, B) of the output (eval, compare: of those of --split), counted from 0 (default all)"},
-      {.name = "audio-pad",
-       .seldom = true,
-       .kind = OPTION_CHOICE,
-       .target = &portrait->audio_pad,
-       .choices = "edge|zero",
+      {ARGS_CHOICE("audio-pad", &portrait->audio_pad, "edge|zero"), .seldom = true,
        .help = "speech windows past the ends of the speech: edge repeats the nearest, zero has zeros, as published "
                "(default as in training)"},
       {.name = "max_steps", ARGS_SETTING(&portrait->chosen, "max_steps"), .seldom = true, .published = true},
       {.name = "dt_gamma", ARGS_SETTING(&portrait->chosen, "dt_gamma"), .seldom = true, .published = true},
       {.name = "transmittance_stop", ARGS_SETTING(&portrait->chosen, "transmittance_stop"), .seldom = true},
-      {.name = "occupancy_threshold",
-       .seldom = true,
-       .kind = OPTION_FLOAT,
-       .target = &portrait->occupancy_threshold,
-       .low = 0,
-       .high = 1e6,
+      {ARGS_FLOAT("occupancy_threshold", &portrait->occupancy_threshold, 0, 1e6), .seldom = true,
        .help = "skip the cells of the occupancy grid whose density, per scene unit, is below X in all frames of this "
                "speech, such as 0.1 (default 0: none)"},
-      {.name = "torso",
-       .kind = OPTION_CHOICE,
-       .target = &portrait->torso,
-       .choices = "recorded|model",
+      {ARGS_CHOICE("torso", &portrait->torso, "recorded|model"),
        .help = "the torso below a head that has the clip's own poses: recorded: the clip's torso pictures, where there "
                "are some; model: that of the model, where it has one (default recorded)"},
       {.name = "torso_shrink", ARGS_SETTING(&portrait->chosen, "torso_shrink"), .seldom = true, .published = true},
-      {.name = "scale",
-       .seldom = true,
-       .published = true,
-       .kind = OPTION_FLOAT,
-       .target = &portrait->scale,
-       .low = 0.001,
-       .high = 1000,
+      {ARGS_FLOAT("scale", &portrait->scale, 0.001, 1000), .seldom = true, .published = true,
        .help = "factor of the poses' translations (default as in training)"},
       {.name = "image_scale", ARGS_SETTING(&portrait->chosen, "image_scale"), .seldom = true},
-      {.name = "smooth_lips",
-       .seldom = true,
-       .published = true,
-       .kind = OPTION_FLAG,
-       .target = &portrait->render.smooth_lips,
+      {ARGS_FLAG("smooth_lips", &portrait->render.smooth_lips), .seldom = true, .published = true,
        .help = "smooth the lips: the audio code of a frame is 0.35 of the previous frame's and 0.65 of its own"},
-      {.name = "force",
-       .kind = OPTION_FLAG,
-       .target = &portrait->force,
-       .help = "use the model although it was trained on another clip"}};
+      {ARGS_FLAG("force", &portrait->force), .help = "use the model although it was trained on another clip"}};
   ARGS_FILL(options, rows, PORTRAIT_OPTIONS - CLIP_SOURCE_OPTIONS);
   struct option *source = options + sizeof rows / sizeof *rows;
   clip_source_options(&portrait->source, source);

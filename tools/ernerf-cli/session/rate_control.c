@@ -15,25 +15,14 @@ static const double balanced_db = 40; /* least PSNR of "balanced" against the ex
 void rate_control_options(struct rate_control *g, struct option options[RATE_CONTROL_OPTIONS]) {
   g->quality = -1;
   const struct option rows[] = {
-      {.name = "hold-fps",
-       .kind = OPTION_FLOAT,
-       .target = &g->hold_fps,
-       .low = 0.01,
-       .high = 10000,
+      {ARGS_FLOAT("hold-fps", &g->hold_fps, 0.01, 10000),
        .help = "choose the most accurate settings that render X frames a second or more, and adjust them while "
                "rendering (live without --quality: 1.15 times --fps)"},
-      {.name = "quality",
-       .kind = OPTION_CHOICE,
-       .target = &g->quality,
-       .choices = "exact|balanced|draft",
+      {ARGS_CHOICE("quality", &g->quality, "exact|balanced|draft"),
        .help = "settings that do not change: exact: the most accurate; balanced: the fastest whose frames have a "
                "PSNR of 40 dB or more against the exact render or, without a file of tradeoff, against those of exact; "
                "draft: the fastest"},
-      {.name = "front",
-       .seldom = true,
-       .kind = OPTION_TEXT,
-       .target = &g->front,
-       .choices = "FILE.json",
+      {ARGS_TEXT("front", &g->front), .seldom = true, .choices = "FILE.json",
        .help = "file of an earlier `ernerf tradeoff` with the settings and their times (default MODEL without its "
                "ending + .tradeoff/tradeoff.json; without one a few frames are measured at the start)"}};
   ARGS_FILL(options, rows, RATE_CONTROL_OPTIONS);

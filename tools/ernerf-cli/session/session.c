@@ -33,62 +33,34 @@ bool session_interrupted(void) { return interrupted != 0; }
 /* ---- options ----------------------------------------------------------------------------------------------------- */
 
 void session_output_options(struct session *session, struct option options[SESSION_OUTPUT_OPTIONS]) {
-  const struct option rows[] = {{.name = "quiet",
-                                 .kind = OPTION_FLAG,
-                                 .target = &session->quiet,
-                                 .help = "results, warnings and errors alone: no progress, no notes"},
-                                {.name = "json",
-                                 .kind = OPTION_JSON,
-                                 .target = &session->json,
-                                 .help = "the result as one JSON object, on standard output or in a file"},
-                                {.name = "overwrite",
-                                 .alias = "y",
-                                 .kind = OPTION_FLAG,
-                                 .target = &session->overwrite,
-                                 .help = "replace output files that exist; without it they are refused"}};
+  const struct option rows[] = {
+      {ARGS_FLAG("quiet", &session->quiet), .help = "results, warnings and errors alone: no progress, no notes"},
+      {ARGS_JSON("json", &session->json), .help = "the result as one JSON object, on standard output or in a file"},
+      {ARGS_FLAG("overwrite", &session->overwrite), .alias = "y",
+       .help = "replace output files that exist; without it they are refused"}};
   ARGS_FILL(options, rows, SESSION_OUTPUT_OPTIONS);
 }
 
 void session_compute_options(struct session *session, struct option options[SESSION_COMPUTE_OPTIONS]) {
   const struct option rows[] = {
-      {.name = "backend",
-       .kind = OPTION_CHOICE,
-       .target = &session->backend_choice,
-       .choices = "auto|cpu|opencl",
+      {ARGS_CHOICE("backend", &session->backend_choice, "auto|cpu|opencl"),
        .help = "where to compute; auto, the default, is the CPU"},
-      {.name = "device",
-       .kind = OPTION_INT,
-       .target = &session->device,
-       .low = 0,
-       .high = 255,
+      {ARGS_INT("device", &session->device, 0, 255),
        .help = "number of an OpenCL device, as `ernerf info devices` counts; with --backend opencl"},
-      {.name = "deterministic",
-       .seldom = true,
-       .kind = OPTION_FLAG,
-       .target = &session->deterministic,
+      {ARGS_FLAG("deterministic", &session->deterministic), .seldom = true,
        .help = "the same bytes in every run also on OpenCL devices that are no CPU, which makes them slower; not of "
                "train --time, --hold-fps, and --quality where its settings are measured at the start"},
-      {.name = "isa",
-       .kind = OPTION_TEXT,
-       .target = &session->isa,
-       .choices = "NAME",
+      {ARGS_TEXT("isa", &session->isa), .choices = "NAME",
        .help = "instruction set of the CPU: auto (that in the environment variable ERNERF_ISA, else the fastest that "
                "the CPU has; the default), avx2, avx512, avx512bf16, neon, or ref and ref64: portable C in 32-bit and "
                "64-bit floats, slow"},
-      {.name = "threads",
-       .kind = OPTION_INT,
-       .target = &session->threads,
-       .low = 0,
-       .high = ERN_THREADS_MOST,
+      {ARGS_INT("threads", &session->threads, 0, ERN_THREADS_MOST),
        .help = "number of threads; 0: one a core; the result is the same for any number"}};
   ARGS_FILL(options, rows, SESSION_COMPUTE_OPTIONS);
 }
 
 void session_seed_options(struct session *session, struct option options[SESSION_SEED_OPTIONS]) {
-  const struct option rows[] = {{.name = "seed",
-                                 .kind = OPTION_COUNT,
-                                 .target = &session->seed,
-                                 .low = 0,
+  const struct option rows[] = {{ARGS_COUNT("seed", &session->seed, 0, 0),
                                  .help = "seed of all random numbers; the same seed gives the same bytes, except "
                                          "with `train --time` (default 0)"}};
   ARGS_FILL(options, rows, SESSION_SEED_OPTIONS);

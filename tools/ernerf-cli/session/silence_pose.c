@@ -8,10 +8,7 @@
 enum { FRAMES_A_SECOND = 25, WINDOWS = 8, CODE = 32, MOST_FRAMES = 500 };
 
 void silence_pose_options(struct silence_pose *pose, struct option options[SILENCE_POSE_OPTIONS]) {
-  options[0] = (struct option){.name = "silence-pose",
-                               .seldom = true,
-                               .kind = OPTION_OFF,
-                               .target = &pose->off,
+  options[0] = (struct option){ARGS_OFF("silence-pose", &pose->off), .seldom = true,
                                .help =
                                    "the mouth rests, as in silent frames of the clip, where nothing is said for 8 "
                                    "frames or more; no: it follows the sound alone (default yes)"};

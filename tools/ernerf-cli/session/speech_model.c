@@ -7,16 +7,10 @@
 
 void speech_model_options(struct speech_model *speech_model, struct option options[SPEECH_MODEL_OPTIONS]) {
   const struct option rows[] = {
-      {.name = "speech-model",
-       .kind = OPTION_TEXT,
-       .target = &speech_model->path,
-       .choices = "FILE.onnx",
+      {ARGS_TEXT("speech-model", &speech_model->path), .choices = "FILE.onnx",
        .help = "a network that computes features of the sound (docs/speech.md), instead of the built-in kind; through "
                "OpenCV's DNN module"},
-      {.name = "speech-preset",
-       .kind = OPTION_TEXT,
-       .target = &speech_model->needs,
-       .choices = "NAME|FILE.json",
+      {ARGS_TEXT("speech-preset", &speech_model->needs), .choices = "NAME|FILE.json",
        .help = "description of the network of --speech-model: esperanto or hubert, for 16 kHz sound as in the public "
                "scripts (both untested with the real networks), or a FILE.json of your own (default: that in the "
                "model, else FILE.json beside FILE.onnx)"}};

@@ -114,11 +114,7 @@ int cmd_detect(int argc, char **argv) {
   struct option own[WATERMARK_OPTIONS + OWN_OPTIONS], output[SESSION_OUTPUT_OPTIONS];
   struct word words[] = {{"VIDEO", &job.video, "any video that FFmpeg reads"}};
   const struct option rows[] = {
-      {.name = "window",
-       .kind = OPTION_SECONDS,
-       .target = &job.seconds,
-       .low = 0.1,
-       .high = 1e6,
+      {ARGS_SECONDS("window", &job.seconds, 0.1, 1e6),
        .help = "search each part of this length, such as 10s, for a video of which only a part has the watermark "
                "(default: all of the video at once)"}};
   struct args args = {

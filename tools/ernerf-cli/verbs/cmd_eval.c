@@ -392,49 +392,39 @@ static int check_words(struct eval_job *job, const struct args *args) {
   return status < 0 ? paper_metrics_check(&job->metrics, args, &job->session) : status;
 }
 
+static int run(struct eval_job *job, const struct args *args) {
+  const char *const outputs[] = {job->video, job->csv, job->sheet};
+  int status = 0;
+  for (size_t i = 0; i < sizeof outputs / sizeof *outputs && status == 0; i++)
+    if (outputs[i] != NULL) status = session_check_output(&job->session, outputs[i]);
+  if (status == 0) status = open_all(job, args);
+  if (status == 0) status = evaluate_all(job);
+  close_all(job);
+  return status;
+}
+
 int cmd_eval(int argc, char **argv) {
   struct eval_job job = {0};
   struct option own[OWN_OPTIONS] = {
-      {.name = "audio",
-       .alias = "aud",
-       .kind = OPTION_TEXT,
-       .target = &job.portrait.source.features,
+      {ARGS_TEXT("audio", &job.portrait.source.features), .alias = "aud",
        .help =
            "the clip's speech from another file, a sound or speech features (.npy), instead of the clip's own; other "
            "speech with --setting synchronization"},
-      {.name = "video",
-       .kind = OPTION_TEXT,
-       .target = &job.video,
-       .choices = "FILE.mp4",
+      {ARGS_TEXT("video", &job.video), .choices = "FILE.mp4",
        .help = "write a video of the rendered frames beside the clip's, with the clip's sound, or that of --audio "
                "with --setting synchronization"},
-      {.name = "compose",
-       .kind = OPTION_CHOICE,
-       .target = &job.compose,
-       .choices = "whole|dub",
+      {ARGS_CHOICE("compose", &job.compose, "whole|dub"),
        .help = "the frames: whole: rendered whole; dub: the rendered lower face in the recorded pictures "
                "(ori_imgs/ID.jpg), with which they are compared, as `ernerf dub` makes them (default whole)"},
-      {.name = "against",
-       .kind = OPTION_CHOICE,
-       .target = &job.against,
-       .choices = "recorded|clip",
+      {ARGS_CHOICE("against", &job.against, "recorded|clip"),
        .help = "what frames are compared with: recorded: the pictures as they were recorded (ori_imgs/ID.jpg); clip: "
                "those that the model is trained on, put together of the person and a still background (gt_imgs) "
                "(default recorded, where the clip has them; with --setting clip, as in the paper)"},
-      {.name = "csv",
-       .kind = OPTION_TEXT,
-       .target = &job.csv,
-       .choices = "FILE.csv",
-       .help = "write the figures of each frame as a table"},
-      {.name = "sheet",
-       .kind = OPTION_TEXT,
-       .target = &job.sheet,
-       .choices = "FILE.png",
+      {ARGS_TEXT("csv", &job.csv), .choices = "FILE.csv", .help = "write the figures of each frame as a table"},
+      {ARGS_TEXT("sheet", &job.sheet), .choices = "FILE.png",
        .help = "write a picture of the best, the median and the worst frame by PSNR, each beside the recorded one "
                "and 4 times their difference"},
-      {.name = "refine-poses",
-       .kind = OPTION_FLAG,
-       .target = &job.refine_poses,
+      {ARGS_FLAG("refine-poses", &job.refine_poses),
        .help = "also fit the pose of each frame, and report the figures at that pose too; renders a frame up to 200 "
                "times"}};
   setting_options(&job.setting, own + OWN_OPTIONS - SETTING_OPTIONS);
@@ -468,12 +458,5 @@ int cmd_eval(int argc, char **argv) {
   int status = args_parse(&args, argc, argv);
   if (status < 0) status = check_words(&job, &args);
   if (status < 0) status = session_open(&job.session, &args);
-  if (status >= 0) return status;
-  const char *const outputs[] = {job.video, job.csv, job.sheet};
-  for (size_t i = 0; i < sizeof outputs / sizeof *outputs && status <= 0; i++)
-    if (outputs[i] != NULL) status = session_check_output(&job.session, outputs[i]);
-  if (status <= 0) status = open_all(&job, &args);
-  if (status == 0) status = evaluate_all(&job);
-  close_all(&job);
-  return status;
+  return status < 0 ? run(&job, &args) : status;
 }

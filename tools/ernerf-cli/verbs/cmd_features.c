@@ -44,18 +44,10 @@ static int make(struct features_job *job) {
 
 int cmd_features(int argc, char **argv) {
   struct features_job job = {.warp = 1};
-  struct option own[] = {{.name = "o",
-                          .alias = "output",
-                          .kind = OPTION_TEXT,
-                          .target = &job.out,
-                          .choices = "FILE.npy",
+  struct option own[] = {{ARGS_TEXT("o", &job.out), .alias = "output", .choices = "FILE.npy",
                           .help = "the features; in a clip their file has the name aud_cep.npy, or aud_eo.npy or "
                                   "aud_hu.npy for those of a network"},
-                         {.name = "warp",
-                          .kind = OPTION_FLOAT,
-                          .target = &job.warp,
-                          .low = 0.5,
-                          .high = 2,
+                         {ARGS_FLOAT("warp", &job.warp, 0.5, 2),
                           .help = "factor of all frequencies, 0.5 to 2, as if the speaker's vocal tract had another "
                                   "length; only for the built-in kind"}};
   struct option network[SPEECH_MODEL_OPTIONS], output[SESSION_OUTPUT_OPTIONS];

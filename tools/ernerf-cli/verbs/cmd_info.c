@@ -332,17 +332,10 @@ int cmd_info(int argc, char **argv) {
   const char *path = NULL;
   struct option output[SESSION_OUTPUT_OPTIONS];
   struct option tuning[] = {
-      {.name = "tune",
-       .kind = OPTION_FLAG,
-       .target = &session.tune,
+      {ARGS_FLAG("tune", &session.tune),
        .help = "measure which sizes of work-groups and tiles suit the device, for two minutes at most, and keep the "
                "result for later runs; a GPU is also measured when it is first used"},
-      {.name = "device",
-       .kind = OPTION_INT,
-       .target = &session.device,
-       .low = 0,
-       .high = 255,
-       .help = "number of the OpenCL device (default 0)"}};
+      {ARGS_INT("device", &session.device, 0, 255), .help = "number of the OpenCL device (default 0)"}};
   struct word words[] = {{"FILE", &path, "a .safetensors, .pth, .npy or .json file, or the word devices"}};
   struct args args = {
       .verb = "info",

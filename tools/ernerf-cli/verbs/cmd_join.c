@@ -176,22 +176,10 @@ int cmd_join(int argc, char **argv) {
       {"FOLDER", &job.folder,
        "folder of the .mp4 files, which follow each other in the order of their names (part2 before part10)"}};
   const struct option rows[] = {
-      {.name = "o",
-       .alias = "output",
-       .kind = OPTION_TEXT,
-       .target = &job.out,
-       .choices = "OUT.mp4",
-       .help = "the joined video"},
-      {.name = "wav",
-       .kind = OPTION_TEXT,
-       .target = &job.wav,
-       .choices = "SOUND",
+      {ARGS_TEXT("o", &job.out), .alias = "output", .choices = "OUT.mp4", .help = "the joined video"},
+      {ARGS_TEXT("wav", &job.wav), .choices = "SOUND",
        .help = "sound of the joined video, encoded once; that of the segments is left out"},
-      {.name = "wav-start",
-       .kind = OPTION_SECONDS,
-       .target = &job.start,
-       .low = 0,
-       .high = 1e6,
+      {ARGS_SECONDS("wav-start", &job.start, 0, 1e6),
        .help = "where the first frame is in that sound (default: by the number of the frame, which the "
                ".provenance.json beside the first segment has; else 0)"}};
   struct args args = {.verb = "join",

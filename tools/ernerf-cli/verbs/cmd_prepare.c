@@ -94,95 +94,48 @@ static int make(struct prepare_job *job) {
                                   "verdicts", verdicts, "seconds", session_number(session_seconds() - began)));
 }
 
+static int check_usage(const struct prepare_job *job, const struct args *args) {
+  if (job->folder == NULL) return args_refuse(args, "-o CLIP is missing");
+  if (job->to > 0 && job->to <= job->from)
+    return args_refuse(args, "--from %g is not before --to %g", (double)job->from, (double)job->to);
+  if (job->focal > 0 && job->options.poses != NULL)
+    return args_refuse(args, "--focal and --poses exclude each other: the file of poses has its focal length");
+  return -1;
+}
+
 int cmd_prepare(int argc, char **argv) {
   struct prepare_job job = {.options = {.side = 512}, .only = -1};
   ern_prepare_options *o = &job.options;
-  struct option own[] = {{.name = "o",
-                          .alias = "output",
-                          .kind = OPTION_TEXT,
-                          .target = &job.folder,
-                          .choices = "CLIP",
-                          .help = "folder of the clip: new, empty, or that of an earlier call, which is continued"},
-                         {.name = "from",
-                          .kind = OPTION_FLOAT,
-                          .target = &job.from,
-                          .low = 0,
-                          .high = 1e6,
-                          .choices = "SECONDS",
-                          .help = "where in the video to begin"},
-                         {.name = "to",
-                          .kind = OPTION_FLOAT,
-                          .target = &job.to,
-                          .low = 0,
-                          .high = 1e6,
-                          .choices = "SECONDS",
-                          .help = "where to end (default: the end of the video)"},
-                         {.name = "segment",
-                          .kind = OPTION_TEXT,
-                          .target = &o->segment,
-                          .choices = "auto|SECONDS",
-                          .help = "take only the best part of the video, of this length (1 to 1800 s); auto: of 180 "
-                                  "s, if the part from --from to --to is longer than 300 s"},
-                         {.name = "size",
-                          .kind = OPTION_INT,
-                          .target = &o->side,
-                          .low = 128,
-                          .high = 1024,
-                          .choices = "S",
-                          .help = "pixels a side of the clip's square pictures, 128 to 1024"},
-                         {.name = "focal",
-                          .kind = OPTION_FLOAT,
-                          .target = &job.focal,
-                          .low = 0,
-                          .high = 1e5,
-                          .choices = "PIXELS",
-                          .help = "focal length in pixels of the clip's pictures (default 1100/450 of their side)"},
-                         {.name = "head-only",
-                          .kind = OPTION_FLAG,
-                          .target = &o->head_only,
-                          .help = "make a clip of the head alone: for footage that does not show the shoulders"},
-                         {.name = "only",
-                          .kind = OPTION_CHOICE,
-                          .target = &job.only,
-                          .choices = only_choices,
-                          .help = "this step alone, also where it was done already"}};
+  struct option own[] = {
+      {ARGS_TEXT("o", &job.folder), .alias = "output", .choices = "CLIP",
+       .help = "folder of the clip: new, empty, or that of an earlier call, which is continued"},
+      {ARGS_FLOAT("from", &job.from, 0, 1e6), .choices = "SECONDS", .help = "where in the video to begin"},
+      {ARGS_FLOAT("to", &job.to, 0, 1e6), .choices = "SECONDS", .help = "where to end (default: the end of the video)"},
+      {ARGS_TEXT("segment", &o->segment), .choices = "auto|SECONDS",
+       .help = "take only the best part of the video, of this length (1 to 1800 s); auto: of 180 "
+               "s, if the part from --from to --to is longer than 300 s"},
+      {ARGS_INT("size", &o->side, 128, 1024), .choices = "S",
+       .help = "pixels a side of the clip's square pictures, 128 to 1024"},
+      {ARGS_FLOAT("focal", &job.focal, 0, 1e5), .choices = "PIXELS",
+       .help = "focal length in pixels of the clip's pictures (default 1100/450 of their side)"},
+      {ARGS_FLAG("head-only", &o->head_only),
+       .help = "make a clip of the head alone: for footage that does not show the shoulders"},
+      {ARGS_CHOICE("only", &job.only, only_choices), .help = "this step alone, also where it was done already"}};
   struct option supplied[] = {
-      {.name = "detector",
-       .kind = OPTION_TEXT,
-       .target = &o->detector,
-       .choices = "FILE.onnx",
+      {ARGS_TEXT("detector", &o->detector), .choices = "FILE.onnx",
        .help = "faces and eyes: the network YuNet, in place of OpenCV's cascades"},
-      {.name = "landmarks",
-       .kind = OPTION_TEXT,
-       .target = &o->landmarks,
-       .choices = "DIR|FILE.csv|FILE.onnx",
+      {ARGS_TEXT("landmarks", &o->landmarks), .choices = "DIR|FILE.csv|FILE.onnx",
        .help = "68 landmarks of each frame: a folder of ID.lms (ID: the frame's number, from 0), OpenFace's table of "
                "the video, or a network"},
-      {.name = "poses",
-       .kind = OPTION_TEXT,
-       .target = &o->poses,
-       .choices = "FILE.json",
-       .help = "head poses of all frames, as transforms_*.json"},
-      {.name = "masks",
-       .kind = OPTION_TEXT,
-       .target = &o->masks,
-       .choices = "DIR|FILE.onnx",
+      {ARGS_TEXT("poses", &o->poses), .choices = "FILE.json", .help = "head poses of all frames, as transforms_*.json"},
+      {ARGS_TEXT("masks", &o->masks), .choices = "DIR|FILE.onnx",
        .help = "head, neck and torso of each frame: a folder of ID.png in the colours of AD-NeRF's parsing, or a "
                "network that finds the person"},
-      {.name = "background",
-       .kind = OPTION_TEXT,
-       .target = &o->background,
-       .choices = "FILE|key",
+      {ARGS_TEXT("background", &o->background), .choices = "FILE|key",
        .help = "a picture of the place without the person, or key: the person is in front of a screen of one colour"},
-      {.name = "au",
-       .kind = OPTION_TEXT,
-       .target = &o->au,
-       .choices = "FILE.csv",
+      {ARGS_TEXT("au", &o->au), .choices = "FILE.csv",
        .help = "how far the eyes are closed: a table with a column AU45_r, such as OpenFace's"},
-      {.name = "features",
-       .kind = OPTION_TEXT,
-       .target = &o->features,
-       .choices = "FILE.npy",
+      {ARGS_TEXT("features", &o->features), .choices = "FILE.npy",
        .help = "speech features, in place of those that are made of the sound"}};
   struct option output[SESSION_OUTPUT_OPTIONS];
   struct word words[] = {{"VIDEO", &job.video, "one person who speaks to a camera that stands still"}};
@@ -200,11 +153,7 @@ int cmd_prepare(int argc, char **argv) {
                                  {"Output:", output, SESSION_OUTPUT_OPTIONS}}};
   session_output_options(&job.session, output);
   int status = args_parse(&args, argc, argv);
-  if (status < 0 && job.folder == NULL) status = args_refuse(&args, "-o CLIP is missing");
-  if (status < 0 && job.to > 0 && job.to <= job.from)
-    status = args_refuse(&args, "--from %g is not before --to %g", (double)job.from, (double)job.to);
-  if (status < 0 && job.focal > 0 && o->poses != NULL)
-    status = args_refuse(&args, "--focal and --poses exclude each other: the file of poses has its focal length");
+  if (status < 0) status = check_usage(&job, &args);
   job.session.inputs[0] = job.video;
   const char *const inputs[] = {o->landmarks, o->poses, o->masks, o->au, o->features, o->background, o->detector};
   for (size_t i = 0; i < sizeof inputs / sizeof *inputs; i++) job.session.inputs[1 + i] = inputs[i];

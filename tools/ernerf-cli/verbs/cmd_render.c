@@ -19,60 +19,31 @@ enum { OWN_OPTIONS = 10, PICTURE_BYTES = 1 };
 
 static void own_options(struct render_job *job, struct option options[OWN_OPTIONS]) {
   const struct option rows[] = {
-      {.name = "clip",
-       .kind = OPTION_TEXT,
-       .target = &job->portrait.source.path,
-       .choices = "CLIP",
+      {ARGS_TEXT("clip", &job->portrait.source.path), .choices = "CLIP",
        .help = "folder of a preprocessed clip: poses, speech, sound, eye values, torso pictures and background"},
-      {.name = "poses",
-       .kind = OPTION_TEXT,
-       .target = &job->poses,
+      {ARGS_TEXT("poses", &job->poses),
        .help = "poses without a clip, in the form of transforms_train.json; needs --audio"},
-      {.name = "audio",
-       .alias = "aud",
-       .kind = OPTION_TEXT,
-       .target = &job->audio,
+      {ARGS_TEXT("audio", &job->audio), .alias = "aud",
        .help = "other speech: a sound (wav, mp3, mp4 ...) or its features (.npy); the output is as long, and the "
                "poses run forward and backward"},
-      {.name = "wav",
-       .kind = OPTION_TEXT,
-       .target = &job->wav,
+      {ARGS_TEXT("wav", &job->wav),
        .help = "sound for the video (default that of --audio, where it is a sound; without --audio that of the clip)"},
-      {.name = "o",
-       .alias = "output",
-       .kind = OPTION_TEXT,
-       .target = &job->out,
-       .choices = "OUT",
+      {ARGS_TEXT("o", &job->out), .alias = "output", .choices = "OUT",
        .help =
            "NAME.mp4, .mov, .mkv, .webm or .gif; pictures such as out/%05d.png, .jpg or .exr, numbered as the output's "
            "frames; - for standard output"},
-      {.name = "size",
-       .kind = OPTION_DIMENSIONS,
-       .target = &job->size,
-       .low = 1,
-       .high = ERN_IMAGE_MAX_SIDE,
+      {ARGS_DIMENSIONS("size", &job->size, 1, ERN_IMAGE_MAX_SIDE),
        .help = "size of the frames (default that of the poses)"},
-      {.name = "fit",
-       .kind = OPTION_CHOICE,
-       .target = &job->fit,
-       .choices = "contain|cover",
+      {ARGS_CHOICE("fit", &job->fit, "contain|cover"),
        .help =
            "how the clip's frame goes into a --size of another aspect: contain shows all of it, and its edges go on "
            "beside it; cover fills the picture and cuts off what is beside it (default contain)"},
-      {.name = "fps",
-       .kind = OPTION_RATE,
-       .target = &job->rate,
+      {ARGS_RATE("fps", &job->rate),
        .help = "frames a second of the output, 1 to 240, such as 30, 29.97 or 24000/1001 (default 25, as the clip): "
                "poses, speech and eyes are interpolated in time"},
-      {.name = "bg_img",
-       .kind = OPTION_TEXT,
-       .target = &job->background_file,
-       .choices = "FILE|white|black",
+      {ARGS_TEXT("bg_img", &job->background_file), .choices = "FILE|white|black",
        .help = "background (default the clip's; with --poses transparent)"},
-      {.name = "progress",
-       .kind = OPTION_CHOICE,
-       .target = &job->session.progress_form,
-       .choices = "words|json",
+      {ARGS_CHOICE("progress", &job->session.progress_form, "words|json"),
        .help = "form of the progress on standard error: words, or for programs a JSON object a line, twice a second "
                "and at the end, also with --quiet (default words)"}};
   job->rate = (struct rate){RATE_CLIP, 1};
@@ -384,6 +355,13 @@ static void close_all(struct render_job *job) {
   session_close(&job->session);
 }
 
+static int run(struct render_job *job, const struct args *args) {
+  int status = open_all(job, args);
+  if (status == 0) status = draw_all(job);
+  close_all(job);
+  return status;
+}
+
 int cmd_render(int argc, char **argv) {
   struct render_job job = {0};
   struct option own[OWN_OPTIONS + SINK_OPTIONS + PROVENANCE_OPTIONS + LABEL_OPTIONS + WATERMARK_OPTIONS],
@@ -440,9 +418,5 @@ int cmd_render(int argc, char **argv) {
                                               speech_model_file(&job.portrait.source.speech_model)};
   memcpy(job.session.inputs, inputs, sizeof inputs);
   if (status < 0) status = session_open(&job.session, &args);
-  if (status >= 0) return status;
-  status = open_all(&job, &args);
-  if (status == 0) status = draw_all(&job);
-  close_all(&job);
-  return status;
+  return status < 0 ? run(&job, &args) : status;
 }

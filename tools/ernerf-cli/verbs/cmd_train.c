@@ -431,6 +431,23 @@ static int train_portrait(struct train_job *job, const struct args *args) {
   return train(job, args);
 }
 
+static int run_verb(struct train_job *job, const struct args *args) {
+  int status = distributed_open(&job->distributed, &job->session);
+  if (status == 0 && !args_given(args, "device")) status = distributed_choose_device(&job->distributed, &job->session);
+  if (status == 0) status = session_check_training(&job->session, job->config.output);
+  if (status == 0 && job->consent != NULL) {
+    status = consent_read(&job->session, job->consent, job->consent_text);
+    job->config.consent = job->consent_text;
+  }
+  const bool portrait = job->seconds > 0 && !job->config.torso;
+  if (status == 0 && !portrait) status = head_and_torso_check_resumed(job);
+  if (status == 0) status = portrait ? train_portrait(job, args) : train(job, args);
+  free(job->head_output);
+  distributed_close(&job->distributed, status);
+  session_close(&job->session);
+  return status;
+}
+
 int cmd_train(int argc, char **argv) {
   struct train_job job;
   struct option goal[TRAIN_GOAL_OPTIONS], numbers[TRAIN_NUMBER_OPTIONS], clip[TRAIN_CLIP_OPTIONS],
@@ -479,19 +496,5 @@ int cmd_train(int argc, char **argv) {
       job.fine.weights.network, job.fine.weights.heads,       job.consent};
   memcpy(job.session.inputs, inputs, sizeof inputs);
   if (status < 0) status = session_open(&job.session, &args);
-  if (status >= 0) return status;
-  status = distributed_open(&job.distributed, &job.session);
-  if (status == 0 && !args_given(&args, "device")) status = distributed_choose_device(&job.distributed, &job.session);
-  if (status == 0) status = session_check_training(&job.session, job.config.output);
-  if (status == 0 && job.consent != NULL) {
-    status = consent_read(&job.session, job.consent, job.consent_text);
-    job.config.consent = job.consent_text;
-  }
-  const bool portrait = job.seconds > 0 && !job.config.torso;
-  if (status == 0 && !portrait) status = head_and_torso_check_resumed(&job);
-  if (status == 0) status = portrait ? train_portrait(&job, &args) : train(&job, &args);
-  free(job.head_output);
-  distributed_close(&job.distributed, status);
-  session_close(&job.session);
-  return status;
+  return status < 0 ? run_verb(&job, &args) : status;
 }

@@ -13,19 +13,13 @@ static const float published_lips_weight = 0.01f; /* weight of LPIPS on the lips
 void fine_stage_options(struct fine_stage *fine, struct option options[FINE_STAGE_OPTIONS]) {
   *fine = (struct fine_stage){.stage = STAGE_COARSE};
   const struct option rows[] = {
-      {.name = "stage",
-       .kind = OPTION_CHOICE,
-       .target = &fine->stage,
-       .choices = "coarse|fine",
+      {ARGS_CHOICE("stage", &fine->stage, "coarse|fine"),
        .help = "fine: the rays of a head's step are square patches, in turn anywhere in the picture and at the lips, "
                "with a loss of their own (docs/maths.md): from the step at which this run begins; with --time in the "
                "last fifth of the head's time, or with --resume or --from in all of the rest. With 2048 rays a step "
                "mostly sharper and the mouth less accurate, with the 512 of --time a lower PSNR (default coarse, with "
                "--resume as before)"},
-      {.name = "fine-loss",
-       .kind = OPTION_CHOICE,
-       .target = &fine->loss,
-       .choices = "ssim|lpips",
+      {ARGS_CHOICE("fine-loss", &fine->loss, "ssim|lpips"),
        .help = "loss of the patches: ssim: structural similarity at three scales; lpips: LPIPS, as published, with "
                "--lpips-network and --lpips-heads (default ssim)"}};
   ARGS_FILL(options, rows, FINE_STAGE_OPTIONS - LPIPS_OPTIONS);

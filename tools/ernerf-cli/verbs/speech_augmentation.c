@@ -20,10 +20,7 @@ void speech_augmentation_options(struct speech_augmentation *speech,
                                  struct option options[SPEECH_AUGMENTATION_OPTIONS]) {
   *speech = (struct speech_augmentation){0};
   const struct option rows[] = {
-      {.name = "speech-augment",
-       .kind = OPTION_CHOICE,
-       .target = &speech->off,
-       .choices = "auto|off",
+      {ARGS_CHOICE("speech-augment", &speech->off, "auto|off"),
        .help = "data augmentation of the speech, so that other voices move the mouth too; auto: 4 copies with warped "
                "frequencies in half of the steps, and of a clip of fewer than 1000 training frames 8 in 90 % of them, "
                "and noise, against overfitting; only if the speech is a sound and the features are of the built-in "

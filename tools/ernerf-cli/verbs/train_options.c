@@ -16,65 +16,34 @@ void train_set_defaults(struct train_job *job) {
 void train_goal_options(struct train_job *job, struct option options[TRAIN_GOAL_OPTIONS]) {
   ern_train_config *config = &job->config;
   const struct option rows[] = {
-      {.name = "o",
-       .alias = "output",
-       .kind = OPTION_TEXT,
-       .target = &config->output,
-       .choices = "X.safetensors",
+      {ARGS_TEXT("o", &config->output), .alias = "output", .choices = "X.safetensors",
        .help = "the model; state, log and pictures go to the folder X.run beside it"},
-      {.name = "for",
-       .kind = OPTION_CHOICE,
-       .target = &job->purpose,
-       .choices = "portrait|dub",
+      {ARGS_CHOICE("for", &job->purpose, "portrait|dub"),
        .help = "portrait: a model that renders whole pictures; dub: a head for `ernerf dub` alone, which learns the "
                "lower face and spends 95 % of its rays there (needs landmarks; default portrait, with --resume as "
                "before)"},
-      {.name = "torso",
-       .kind = OPTION_FLAG,
-       .target = &config->torso,
-       .help = "train the torso for the head of --head"},
-      {.name = "head",
-       .alias = "head_ckpt",
-       .kind = OPTION_TEXT,
-       .target = &job->head_path,
-       .choices = "MODEL",
+      {ARGS_FLAG("torso", &config->torso), .help = "train the torso for the head of --head"},
+      {ARGS_TEXT("head", &job->head_path), .alias = "head_ckpt", .choices = "MODEL",
        .help = "the head that the torso is trained for; it does not change"},
-      {.name = "force",
-       .kind = OPTION_FLAG,
-       .target = &config->force,
-       .help = "accept a --head that was trained on another clip"},
-      {.name = "consent",
-       .kind = OPTION_TEXT,
-       .target = &job->consent,
-       .choices = "TEXT|FILE",
+      {ARGS_FLAG("force", &config->force), .help = "accept a --head that was trained on another clip"},
+      {ARGS_TEXT("consent", &job->consent), .choices = "TEXT|FILE",
        .help = "what the person has agreed to, as text or as a file that holds the text; the model keeps it, and its "
                "videos and pictures carry it (default: that of --head, of the resumed state or of --from, if it is of "
                "this clip)"},
       {.name = "iters", ARGS_SETTING(&job->chosen, "iters")},
-      {.name = "time",
-       .kind = OPTION_SECONDS,
-       .target = &job->seconds,
-       .low = 0.1,
-       .high = 1e9,
+      {ARGS_SECONDS("time", &job->seconds, 0.1, 1e9),
        .help = "train for T in all, such as 10m, instead of --iters steps: five sixths of T the head, as "
                "X.head.safetensors, then the torso for it, as X.safetensors; if the clip has no torso, the head "
                "alone, as X.safetensors. With --resume or --from T includes the time before"},
-      {.name = "paper",
-       .kind = OPTION_FLAG,
-       .target = &job->paper,
+      {ARGS_FLAG("paper", &job->paper),
        .help = "the published schedule, unless an option says otherwise: 100000 steps of 65536 rays, and by --set "
                "ray_sampling=uniform, refresh_every=16, head_random_background=no, torso_random_background=no; no data "
                "augmentation of the speech; with --fine-loss lpips a head has 125000 steps, the last 25000 of them in "
                "the fine stage"},
-      {.name = "resume",
-       .kind = OPTION_FLAG,
-       .target = &config->resume,
+      {ARGS_FLAG("resume", &config->resume),
        .help = "continue from the newest intact state in X.run, with the options that it was trained with unless they "
                "are given again"},
-      {.name = "from",
-       .kind = OPTION_TEXT,
-       .target = &config->from,
-       .choices = "FILE",
+      {ARGS_TEXT("from", &config->from), .choices = "FILE",
        .help = "start another training from the weights of a .safetensors or .pth file, with its levels, individual "
                "codes (a longer clip gets new ones for the other frames) and variants (backbone, attention, "
                "eye_attention); if the file holds a training state, also from its step"},
@@ -86,10 +55,7 @@ void train_goal_options(struct train_job *job, struct option options[TRAIN_GOAL_
        .help = "steps between validations, each with a picture and a point of the curve; 0: only at the end (default "
                "a tenth of --iters, 50 to 1000; with --time each tenth of the time, at most once a minute)"},
       {.name = "validate-frames", ARGS_SETTING(&job->chosen, "validate_frames")},
-      {.name = "effects",
-       .kind = OPTION_TEXT,
-       .target = &job->effects_list,
-       .choices = "auto|none|LIST",
+      {ARGS_TEXT("effects", &job->effects_list), .choices = "auto|none|LIST",
        .help = "what the head models, comma-separated: eye (blinks), codes (a learnt vector for each training "
                "frame), view (the colour depends on the direction of view), torso (the clip's torso picture lies "
                "behind the head); auto: what `ernerf check` finds in the clip (default auto)"}};
@@ -106,22 +72,12 @@ void train_number_options(struct train_job *job, struct option options[TRAIN_NUM
       {.name = "levels",
        ARGS_SETTING(&job->chosen, "levels"),
        .help = "levels of the hash encoder, 2 to 24 (default 14; hash3d 16); public checkpoints have 12"},
-      {.name = "precision",
-       .kind = OPTION_CHOICE,
-       .target = &job->precision,
-       .choices = "fp32|bf16|auto",
+      {ARGS_CHOICE("precision", &job->precision, "fp32|bf16|auto"),
        .help = "number format of the factors in a head's matrix products; auto: bf16 with --isa avx512bf16, else "
                "fp32 (default fp32, with --resume as before)"},
-      {.name = "scale",
-       .kind = OPTION_FLOAT,
-       .target = &job->scale,
-       .low = 0.001,
-       .high = 1000,
+      {ARGS_FLOAT("scale", &job->scale, 0.001, 1000),
        .help = "factor of the poses' translations; kept in the model (default 4)"},
-      {.name = "data_range",
-       .kind = OPTION_RANGE_PAIR,
-       .target = &job->data,
-       .choices = "A:B | A B",
+      {ARGS_RANGE_PAIR("data_range", &job->data), .choices = "A:B | A B",
        .help = "train on frames [A, B) of transforms_train.json alone; B -1: to the last"}};
   ARGS_FILL(options, rows,
             TRAIN_NUMBER_OPTIONS - SESSION_COMPUTE_OPTIONS - SESSION_SEED_OPTIONS - SESSION_OUTPUT_OPTIONS);
@@ -133,10 +89,7 @@ void train_number_options(struct train_job *job, struct option options[TRAIN_NUM
 
 void train_clip_options(struct train_job *job, struct option options[TRAIN_CLIP_OPTIONS]) {
   const struct option rows[] = {
-      {.name = "audio",
-       .alias = "aud",
-       .kind = OPTION_TEXT,
-       .target = &job->source.features,
+      {ARGS_TEXT("audio", &job->source.features), .alias = "aud",
        .help = "the clip's speech from another file: a sound, or speech features (.npy); instead of the clip's own"},
   };
   ARGS_FILL(options, rows, TRAIN_CLIP_OPTIONS - CLIP_SOURCE_OPTIONS - SPEECH_AUGMENTATION_OPTIONS);
