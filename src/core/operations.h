@@ -155,6 +155,19 @@
 ERN_SLOTS(ERN_SLOT_ARGS)
 #undef ERN_SLOT_ARGS
 
+/* What a call of a slot costs, for the benchmark. NOUN_ops.h defines ERN_COST_NAME(args) for each slot, exact for
+ * compute-bound kernels, approximate for memory-bound ones, by the equations in docs/maths.md. All but the first two
+ * are for an item. */
+struct ern_cost {
+  const char *item;                        /* "sample"; NULL: not here */
+  double items, flops, reals, ints, reads; /* reals, ints: read and written; reads: gathered reads of a table */
+};
+static inline struct ern_cost ern_cost(const char *item, size_t items, double flops, double reals, double ints,
+                                       double reads) {
+  return (struct ern_cost){item, (double)items, flops, reals, ints, reads};
+}
+#define ERN_COST_ELSEWHERE ern_cost(NULL, 0, 0, 0, 0, 0) /* lab/bench/bench_calls.c counts it, or nobody does */
+
 /* Declares a noun's kernels: the reference in the scalar type of this build, and float kernels for each instruction
  * set. The suffix names the instruction set: avx2: AVX2 and FMA; avx512: AVX-512 F, DQ, BW, VL (both built where
  * ERN_X86_KERNELS is defined); neon: any aarch64 (where ERN_ARM_KERNELS is). */

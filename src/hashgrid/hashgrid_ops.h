@@ -30,6 +30,7 @@ struct ern_grid_fwd_args {
   const struct ern_grid *grid;
   size_t n;
 };
+#define ERN_COST_grid_fwd(a) ERN_COST_ELSEWHERE
 
 struct ern_grid_bwd_args {
   ern_span dtable;                /* accumulates */
@@ -37,6 +38,7 @@ struct ern_grid_bwd_args {
   ern_rows df;
   struct ern_grid_fwd_args forward; /* f is not used */
 };
+#define ERN_COST_grid_bwd(a) ERN_COST_ELSEWHERE
 
 /* Kernels: levels [level_begin, level_end) of n samples. Rows f are overwritten; dtable and dx accumulate. A sample
  * with a coordinate outside [-bound, bound] (or NaN) gives zeros and no gradient. dtable NULL: only dx; dx[0] NULL:

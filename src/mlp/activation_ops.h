@@ -20,6 +20,7 @@ struct ern_activate_fwd_args {
   ern_activation kind;
   size_t n;
 };
+#define ERN_COST_activate_fwd(a) ERN_COST_ELSEWHERE
 struct ern_activate_bwd_args {
   ern_rows dx; /* overwritten; may be the same rows as dy */
   ern_rows dy;
@@ -27,6 +28,7 @@ struct ern_activate_bwd_args {
   ern_activation kind;
   size_t n;
 };
+#define ERN_COST_activate_bwd(a) ERN_COST_ELSEWHERE
 typedef void ern_activate_fwd_kernel(ern_real *y, const ern_real *x, ern_activation kind, size_t n);
 typedef void ern_activate_bwd_kernel(ern_real *dx, const ern_real *dy, const ern_real *x, ern_activation kind,
                                      size_t n);

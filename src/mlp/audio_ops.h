@@ -38,17 +38,20 @@ struct ern_audio_fwd_args {
   bool keep;        /* a backend may keep values of the layers for the backward pass, in scratch of the caller */
   ern_span kept[3]; /* out: these; zeroed: none */
 };
+#define ERN_COST_audio_fwd(a) ERN_COST_ELSEWHERE
 struct ern_audio_bwd_args {
   ern_span dparameters;              /* the whole block, accumulates */
   ern_span dcode;                    /* [A] */
   struct ern_audio_fwd_args forward; /* code is not used */
 };
+#define ERN_COST_audio_bwd(a) ERN_COST_ELSEWHERE
 /* The same code for consecutive frames, which share windows: AudioNet encodes only the windows that are not known. */
 struct ern_audio_frame_args {
   struct ern_audio_fwd_args audio;
   ern_span codes; /* in and out: [8][A], codes of the windows */
   unsigned known; /* bit t: `codes` already holds the code of window t */
 };
+#define ERN_COST_audio_frame(a) ERN_COST_ELSEWHERE
 
 /* Each of the four strided convolutions turns a window of length L into one of ceil(L/2). L <= 16 leaves exactly one
  * position after the fourth; longer windows are refused before they get here. */

@@ -12,6 +12,7 @@ struct ern_sh_fwd_args {
   ern_rows d; /* [3] */
   size_t n;
 };
+#define ERN_COST_sh_fwd(a) ern_cost("ray", (a)->n, 44, 19, 0, 0)
 typedef void ern_sh_fwd_kernel(ern_real *y, size_t y_stride, const ern_real *d, size_t d_stride, size_t n);
 
 /* Their gradient by each component of d, which need not have unit length. */
@@ -21,6 +22,7 @@ struct ern_sh_bwd_args {
   ern_rows d;  /* [3] */
   size_t n;
 };
+#define ERN_COST_sh_bwd(a) ERN_COST_ELSEWHERE
 typedef void ern_sh_bwd_kernel(ern_real *dd, size_t dd_stride, const ern_real *dy, size_t dy_stride, const ern_real *d,
                                size_t d_stride, size_t n);
 
@@ -31,12 +33,15 @@ struct ern_freq_fwd_args {
   int octaves;
   size_t n;
 };
+#define ERN_COST_freq_fwd(a) \
+  ern_cost("pixel", (a)->n, 4.0 * (a)->x.rows * (a)->octaves, (a)->x.rows * (2.0 + 2.0 * (a)->octaves), 0, 0)
 struct ern_freq_bwd_args {
   ern_rows dx; /* accumulates */
   ern_rows dy, x;
   int octaves;
   size_t n;
 };
+#define ERN_COST_freq_bwd(a) ERN_COST_ELSEWHERE
 typedef void ern_freq_fwd_kernel(ern_real *y, size_t y_stride, const ern_real *x, size_t x_stride, int dims,
                                  int octaves, size_t n);
 typedef void ern_freq_bwd_kernel(ern_real *dx, size_t dx_stride, const ern_real *dy, size_t dy_stride,

@@ -24,6 +24,7 @@ struct ern_mlp_fwd_args {
   struct ern_mlp mlp;
   size_t n;
 };
+#define ERN_COST_mlp_fwd(a) ERN_COST_ELSEWHERE
 
 /* The backward pass recomputes hidden values: a third more arithmetic, but memory does not grow with the depth. */
 struct ern_mlp_bwd_args {
@@ -32,6 +33,7 @@ struct ern_mlp_bwd_args {
   ern_rows dy;
   struct ern_mlp_fwd_args forward; /* y is not used */
 };
+#define ERN_COST_mlp_bwd(a) ERN_COST_ELSEWHERE
 
 /* Kernels. scratch: ern_mlp_scratch(mlp) reals of the caller's, 64-byte aligned. A PER_SAMPLE view points at the first
  * of the n samples; `ray` likewise. dx of a PER_BATCH piece is the sum over the n samples, accumulated. */

@@ -17,6 +17,7 @@ struct ern_attention_fwd_args {
   float eye;
   size_t n;
 };
+#define ERN_COST_attention_fwd(a) ern_cost("sample", (a)->n, 3 * ERN_AUDIO_CODE + 2, 2 * ERN_AUDIO_CODE + 3, 0, 0)
 struct ern_attention_bwd_args {
   ern_rows dv;                           /* out, overwritten */
   ern_span dcode;                        /* accumulates; zeroed: not wanted (the smoothness term detaches the code) */
@@ -26,6 +27,8 @@ struct ern_attention_bwd_args {
   ern_span dregion_eye;                  /* zeroed: none */
   struct ern_attention_fwd_args forward; /* with norm as the forward pass left it */
 };
+#define ERN_COST_attention_bwd(a) \
+  ern_cost("sample", (a)->forward.n, 5 * ERN_AUDIO_CODE + 3, 3 * ERN_AUDIO_CODE + 5, 0, 0)
 
 /* Kernels on n samples; NULL where a span is zeroed. dcode [A] accumulates. `stride` is that of v, dv, region and
  * dregion alike. shape: rows of the region, and of v: as many, 1, or 0. */

@@ -17,11 +17,13 @@ struct ern_torso_pose_fwd_args {
   ern_span gamma;   /* real [1]; zeroed: 1 */
   float pose[16];   /* camera to world, renderer's frame; the caller has checked that it can be inverted */
 };
+#define ERN_COST_torso_pose_fwd(a) ERN_COST_ELSEWHERE
 struct ern_torso_pose_bwd_args {
   ern_span danchors, dgamma; /* accumulate; dgamma zeroed where gamma is */
   ern_span dk;               /* real [6] */
   struct ern_torso_pose_fwd_args forward;
 };
+#define ERN_COST_torso_pose_bwd(a) ERN_COST_ELSEWHERE
 typedef void ern_torso_pose_fwd_kernel(ern_real *k, const ern_real *anchors, const ern_real *gamma,
                                        const float pose[16]);
 typedef void ern_torso_pose_bwd_kernel(ern_real *danchors, ern_real *dgamma, const ern_real *dk,
@@ -36,6 +38,7 @@ struct ern_torso_coords_args {
   float shrink; /* 0.8 */
   size_t n;
 };
+#define ERN_COST_torso_coords(a) ern_cost("pixel", (a)->n, 6, 2, 1, 0)
 typedef void ern_torso_coords_kernel(ern_real *q, size_t stride, const int32_t *pixel, int width, int height,
                                      float shrink, size_t n);
 
@@ -50,6 +53,7 @@ struct ern_torso_select_args {
   size_t n;
   size_t count; /* out, on the host */
 };
+#define ERN_COST_torso_select(a) ern_cost("pixel", (a)->n, 14, 0, 3, 4)
 typedef size_t ern_torso_select_kernel(int32_t *index, int32_t *selected, const int32_t *pixel, const ern_real *grid,
                                        float threshold, int width, int height, size_t n);
 
@@ -59,11 +63,13 @@ struct ern_torso_deform_fwd_args {
   ern_rows q, d;
   size_t n;
 };
+#define ERN_COST_torso_deform_fwd(a) ern_cost("pixel", (a)->n, 2, 6, 0, 0)
 struct ern_torso_deform_bwd_args {
   ern_rows dd; /* out, overwritten; 0 where x was clamped (passes at the ends themselves, as in torch.clamp) */
   ern_rows dx;
   struct ern_torso_deform_fwd_args forward;
 };
+#define ERN_COST_torso_deform_bwd(a) ern_cost("pixel", (a)->forward.n, 2, 8, 0, 0)
 typedef void ern_torso_deform_fwd_kernel(ern_real *x, const ern_real *q, const ern_real *d, size_t stride, size_t n);
 typedef void ern_torso_deform_bwd_kernel(ern_real *dd, const ern_real *dx, const ern_real *q, const ern_real *d,
                                          size_t stride, size_t n);
@@ -77,11 +83,13 @@ struct ern_torso_composite_fwd_args {
   ern_rows background; /* [3] per ray */
   size_t rays, n;
 };
+#define ERN_COST_torso_composite_fwd(a) ern_cost("pixel", (a)->n, 12, 10, 1, 0)
 struct ern_torso_composite_bwd_args {
   ern_rows dlayer; /* out, overwritten */
   ern_rows dpixel; /* [3] per ray */
   struct ern_torso_composite_fwd_args forward;
 };
+#define ERN_COST_torso_composite_bwd(a) ern_cost("pixel", (a)->forward.n, 12, 14, 1, 0)
 /* Over the n listed samples; the caller has copied the background to all rays and zeroed the opacity. */
 typedef void ern_torso_composite_fwd_kernel(ern_real *pixel, ern_real *opacity, const ern_real *layer,
                                             size_t layer_stride, const int32_t *index, const ern_real *background,
@@ -97,6 +105,7 @@ struct ern_torso_points_args {
   float shrink;
   uint64_t seed, step;
 };
+#define ERN_COST_torso_points(a) ern_cost("cell", ERN_TORSO_CELLS, 0, 0, 0, 0)
 typedef void ern_torso_points_kernel(ern_real *q, size_t stride, float shrink, uint64_t seed, uint64_t step);
 
 /* grid = max(decay*grid, 5 x 5 maximum of alpha); the mean of grid is handed back. */
@@ -106,6 +115,7 @@ struct ern_torso_update_args {
   float decay;
   double mean; /* out, on the host */
 };
+#define ERN_COST_torso_update(a) ern_cost("cell", ERN_TORSO_CELLS, 1, 3, 0, 0)
 typedef double ern_torso_update_kernel(ern_real *grid, const ern_real *alpha, float decay);
 
 /* ---- fused: the torso over a whole picture ---- */
@@ -132,6 +142,7 @@ struct ern_render_torso_args {
   ern_span parameters;
   const struct ern_field *field;
 };
+#define ERN_COST_render_torso(a) ERN_COST_ELSEWHERE
 
 /* The frame's place, which is the picture where none is given. */
 static inline struct ern_torso_place ern_torso_place_of(const struct ern_render_torso_args *args) {

@@ -23,6 +23,7 @@ struct ern_composite_fwd_args {
   float transmittance_stop;                                                           /* 1e-4 */
   size_t n;                                                                           /* rays */
 };
+#define ERN_COST_composite_fwd(a) ern_cost("sample", (a)->dt.count, 18, 9, 0, 0)
 /* The same with pointers; NULL where a span is zeroed. Per-ray pointers point to the first of the n rays, `first` too;
  * per-sample pointers at sample 0 of the batch. */
 struct ern_composite_view {
@@ -43,6 +44,7 @@ struct ern_composite_bwd_args {
   ern_span dopacity, dattention, deye, duncertainty; /* real [n] */
   struct ern_composite_fwd_args forward; /* with the values that the forward pass left in colour and opacity */
 };
+#define ERN_COST_composite_bwd(a) ern_cost("sample", (a)->forward.dt.count, 32, 16, 0, 0)
 struct ern_composite_bwd_view {
   ern_real *dsigma, *drgb, *dsample_attention, *dsample_eye, *dsample_uncertainty;
   const ern_real *dpixel, *dopacity, *dattention, *deye, *duncertainty;

@@ -19,6 +19,7 @@ struct ern_rays_args {
   struct ern_view view;
   size_t n;
 };
+#define ERN_COST_rays(a) ern_cost("ray", (a)->n, 31, 3, 1, 0)
 typedef void ern_rays_kernel(ern_real *dir, size_t stride, const int32_t *pixel, const struct ern_view *view, size_t n);
 
 #define ERN_NEAR_PLANE 0.05f /* where marching may begin, scene units */
@@ -41,6 +42,7 @@ struct ern_march_args {
   struct ern_march_settings settings;
   size_t n;
 };
+#define ERN_COST_march(a) ern_cost("ray", (a)->n, 0, 0, 0, 0) /* its steps are not known */
 typedef void ern_march_kernel(ern_real *t, int32_t *count, const ern_real *dir, size_t stride, const ern_real *jitter,
                               const uint8_t *bits, const float origin[3], const struct ern_march_settings *settings,
                               size_t n);
@@ -59,6 +61,7 @@ struct ern_scan_args {
   size_t n;
   size_t total; /* out, on the host: the one figure that is read back */
 };
+#define ERN_COST_scan(a) ERN_COST_ELSEWHERE
 
 /* The marched samples, packed ray by ray. */
 struct ern_samples_args {
@@ -71,6 +74,7 @@ struct ern_samples_args {
   struct ern_march_settings settings;
   size_t n; /* rays */
 };
+#define ERN_COST_samples(a) ern_cost("sample", (a)->dt.count, 8, 6, 1, 0)
 /* ray_begin: number of the first of these n rays; first points at its entry; x, dt, depth, ray are whole-batch. */
 typedef void ern_samples_kernel(ern_real *x, size_t x_stride, ern_real *dt, ern_real *depth, int32_t *ray,
                                 const ern_real *t, const int32_t *first, const ern_real *dir, size_t dir_stride,
@@ -84,6 +88,7 @@ struct ern_spread_rays_args {
   ern_span ray; /* int32 [n] */
   size_t n;     /* samples */
 };
+#define ERN_COST_spread_rays(a) ERN_COST_ELSEWHERE
 typedef void ern_spread_rays_kernel(ern_real *y, size_t y_stride, const ern_real *x, size_t x_stride,
                                     const int32_t *ray, int rows, size_t n);
 

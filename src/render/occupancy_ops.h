@@ -16,6 +16,9 @@ struct ern_occupancy_mark_args {
   size_t view_count;
   float bound;
 };
+#define ERN_COST_occupancy_mark(a)                                      \
+  ern_cost("cell", (a)->grid.count, 19 * (double)(a)->view_count, 1, 0, \
+           0) /* a centre into a camera 15, its place in the picture 4 */
 typedef void ern_occupancy_mark_kernel(ern_real *grid, const struct ern_view *views, size_t view_count, float bound,
                                        uint32_t cell_begin, uint32_t cell_end);
 
@@ -43,6 +46,7 @@ struct ern_occupancy_list_args {
   struct ern_occupancy_turn turn;
   size_t count; /* out, on the host */
 };
+#define ERN_COST_occupancy_list(a) ern_cost("cell", (a)->grid.count, 0, 1, 1, 0)
 typedef size_t ern_occupancy_list_kernel(int32_t *cells, const ern_real *grid, const uint8_t *bits,
                                          struct ern_occupancy_turn turn);
 
@@ -55,6 +59,7 @@ struct ern_occupancy_points_args {
   uint64_t seed, step;
   size_t n;
 };
+#define ERN_COST_occupancy_points(a) ern_cost("cell", (a)->n, 0, 0, 0, 0) /* Philox */
 typedef void ern_occupancy_points_kernel(ern_real *x, size_t stride, const int32_t *cells, float bound, uint64_t seed,
                                          uint64_t step, size_t n);
 
@@ -64,6 +69,7 @@ struct ern_occupancy_scatter_args {
   ern_span cells, sigma;
   size_t n;
 };
+#define ERN_COST_occupancy_scatter(a) ern_cost("cell", (a)->n, 0, 2, 1, 0) /* of ascending cells */
 
 /* Factor of a cell's old density at a refresh: `near` in blocks with an occupied cell, `far` in others that are due, 1
  * in the rest. */
@@ -86,6 +92,7 @@ struct ern_occupancy_update_args {
   float limit; /* 10 */
   double mean; /* out, on the host */
 };
+#define ERN_COST_occupancy_update(a) ern_cost("cell", (a)->grid.count, 2, 3, 0, 0)
 /* Cells [cell_begin, cell_end); *sum gets the sum of max(grid, 0) over them, in double. */
 typedef void ern_occupancy_update_kernel(ern_real *grid, double *sum, const ern_real *fresh, const uint8_t *bits,
                                          const struct ern_occupancy_decay *decay, uint32_t cell_begin,

@@ -16,6 +16,9 @@ struct ern_background_args {
   ern_span torso;      /* byte [n][4], alpha not multiplied in; zeroed: none */
   size_t n;
 };
+#define ERN_COST_background(a)                                                                              \
+  ern_cost("pixel", (a)->n, (a)->torso.buffer != NULL ? 13 : 3, 4, (a)->torso.buffer != NULL ? 1.75 : 0.75, \
+           0) /* bytes are a quarter of an int */
 typedef void ern_background_kernel(ern_real *pixel, size_t stride, ern_real *opacity, const uint8_t *background,
                                    const uint8_t *torso, size_t n);
 
@@ -30,6 +33,8 @@ struct ern_picture_args {
   ern_span head, torso; /* real [n], opacities; head zeroed: over a background */
   size_t n;
 };
+#define ERN_COST_picture(a) \
+  ern_cost("pixel", (a)->n, (a)->head.buffer != NULL ? 10 : 3, (a)->head.buffer != NULL ? 5 : 3, 1, 0)
 /* The same with pointers, all at the first of n pixels; NULL where a span is zeroed. */
 struct ern_picture_view {
   uint8_t *rgba;
@@ -46,6 +51,7 @@ struct ern_gather_args {
   ern_span pixel; /* int32 [n] */
   size_t n;
 };
+#define ERN_COST_gather(a) ern_cost("pixel", (a)->n, 0, 2.0 * (a)->from.rows, 1, 0)
 typedef void ern_gather_kernel(ern_real *to, size_t to_stride, const ern_real *from, size_t from_stride, int channels,
                                const int32_t *pixel, size_t n);
 
@@ -56,6 +62,7 @@ struct ern_scatter_args {
   ern_span pixel; /* int32 [n] */
   size_t n;
 };
+#define ERN_COST_scatter(a) ern_cost("pixel", (a)->n, 0, 2.0 * (a)->from.rows, 1, 0)
 typedef ern_gather_kernel ern_scatter_kernel;
 
 /* Interpolates pixels between known pictures: to(pixel[i]) = sum_k weight[k] from(k, i), added in the order of k. No
@@ -67,6 +74,7 @@ struct ern_blend_args {
   ern_span pixel;  /* int32 [n] */
   size_t n;
 };
+#define ERN_COST_blend(a) ern_cost("pixel", (a)->n, 2.0 * (a)->from.rows, 1.0 + (a)->from.rows, 1, 0)
 typedef void ern_blend_kernel(ern_real *to, const ern_real *from, size_t from_stride, const ern_real *weight,
                               size_t count, const int32_t *pixel, size_t n);
 
@@ -79,6 +87,7 @@ struct ern_overlay_args {
   ern_rows background;
   size_t n;
 };
+#define ERN_COST_overlay(a) ern_cost("pixel", (a)->n, 7, 10, 0, 0)
 typedef void ern_overlay_kernel(ern_real *pixel, size_t pixel_stride, const ern_real *colour, size_t colour_stride,
                                 const ern_real *opacity, const ern_real *background, size_t background_stride,
                                 size_t n);
@@ -89,6 +98,7 @@ struct ern_finite_args {
   size_t n;
   bool finite; /* out, on the host */
 };
+#define ERN_COST_finite(a) ern_cost("value", (a)->n, 0, 1, 0, 0)
 typedef bool ern_finite_kernel(const ern_real *values, size_t n);
 
 ERN_DECLARE_KERNELS(ERN_PICTURE_OPERATIONS)

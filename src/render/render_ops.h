@@ -15,6 +15,7 @@ struct ern_render_prepare_args {
   ern_span parameters;
   const struct ern_field *field;
 };
+#define ERN_COST_render_prepare(a) ERN_COST_ELSEWHERE
 
 /* Marches n rays, evaluates the field and composites; keeps only the outputs. All rays share the frame's audio code,
  * eye value and individual code. */
@@ -39,6 +40,7 @@ struct ern_render_rays_args {
                                   pixels and samples, a device nothing */
   size_t n;
 };
+#define ERN_COST_render_rays(a) ERN_COST_ELSEWHERE
 
 /* Density at points. */
 struct ern_head_density_args {
@@ -52,5 +54,6 @@ struct ern_head_density_args {
   size_t n;
   size_t at_once; /* points that go through a stage together; 0: as many as suit the cache of a CPU */
 };
+#define ERN_COST_head_density(a) ERN_COST_ELSEWHERE
 
 #endif

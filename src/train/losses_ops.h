@@ -43,6 +43,7 @@ struct ern_head_loss_args {
   int max_steps; /* the divisor of the eye term */
   size_t n;
 };
+#define ERN_COST_head_loss(a) ern_cost("ray", (a)->n, 60, 18, 0, 0)
 /* softmax(u)_r = exp(u_r - most)/sum, sum = sum_k exp(u_k - most). */
 struct ern_softmax {
   ern_real most;
@@ -72,6 +73,7 @@ struct ern_smooth_loss_args {
   size_t batch;          /* samples that the mean runs over: these and others */
   size_t n;
 };
+#define ERN_COST_smooth_loss(a) ern_cost("sample", (a)->n, 4, 3, 0, 0)
 /* n samples of a batch: their share of its term. */
 typedef double ern_smooth_loss_kernel(ern_real *dmoved, const ern_real *still, const ern_real *moved, float weight,
                                       size_t batch, size_t n);
@@ -85,6 +87,7 @@ struct ern_smooth_points_args {
   size_t first; /* number of the first sample */
   size_t n;
 };
+#define ERN_COST_smooth_points(a) ern_cost("sample", (a)->n, 0, 0, 0, 0) /* its time is Philox's integer arithmetic */
 typedef void ern_smooth_points_kernel(ern_real *moved, const ern_real *x, size_t stride, float reach, uint64_t seed,
                                       uint64_t step, size_t sample_begin, size_t n);
 
@@ -95,6 +98,7 @@ struct ern_mse_args {
   ern_rows pixel, truth;
   size_t n;
 };
+#define ERN_COST_mse(a) ern_cost("ray", (a)->n, 12, 9, 0, 0)
 /* n rays of a batch: their share of its term. */
 typedef double ern_mse_kernel(ern_real *dpixel, const ern_real *pixel, const ern_real *truth, size_t stride,
                               size_t batch, size_t n);
@@ -105,6 +109,7 @@ struct ern_key_points_loss_args {
   double term;       /* out, on the host */
   ern_span anchors;
 };
+#define ERN_COST_key_points_loss(a) ERN_COST_ELSEWHERE
 typedef double ern_key_points_loss_kernel(ern_real *danchors, const ern_real *anchors);
 
 enum { ERN_POSE_PARAMETERS = 6 };
@@ -121,6 +126,7 @@ struct ern_pose_bwd_args {
   ern_span weight;                   /* u, real [n]; zeroed: 1 */
   size_t n;
 };
+#define ERN_COST_pose_bwd(a) ERN_COST_ELSEWHERE
 /* Adds to dpose. dd, d NULL: none; weight NULL: 1. All rows at one stride each. */
 typedef void ern_pose_bwd_kernel(double dpose[ERN_POSE_PARAMETERS], const ern_real *dx, size_t dx_stride,
                                  const ern_real *x, size_t x_stride, const ern_real *dd, size_t dd_stride,

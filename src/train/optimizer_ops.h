@@ -15,6 +15,7 @@ struct ern_adamw_args {
   uint64_t step; /* of this update, from 1 */
   size_t n;
 };
+#define ERN_COST_adamw(a) ern_cost("value", (a)->n, 12, 5, 0, 0)
 typedef void ern_adamw_kernel(ern_real *parameters, ern_real *second_moment, const ern_real *gradient, float rate,
                               float decay, float beta2, float eps, double bias_correction, size_t n);
 
@@ -25,6 +26,7 @@ struct ern_ema_args {
   float decay;
   size_t n;
 };
+#define ERN_COST_ema(a) ern_cost("value", (a)->n, 3, 3, 0, 0)
 typedef void ern_ema_kernel(ern_real *average, const ern_real *parameters, float decay, size_t n);
 
 ERN_DECLARE_KERNELS(ERN_OPTIMIZER_OPERATIONS)

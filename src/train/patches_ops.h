@@ -40,6 +40,7 @@ struct ern_patch_loss_args {
   int side; /* pixels */
   size_t patches;
 };
+#define ERN_COST_patch_loss(a) ERN_COST_ELSEWHERE
 
 /* One scale of one channel of a patch, arrays [side][side]: adds factor d(sum of 1 - SSIM)/dx to dx and returns the
  * sum. x, y: minus `base`, the mean of the recorded picture. a: the filter of the scale and its transpose.

@@ -56,6 +56,7 @@ struct ern_head_step_args {
   void *user;
   size_t n; /* rays */
 };
+#define ERN_COST_head_step(a) ERN_COST_ELSEWHERE
 
 struct ern_torso_step_args {
   ern_span dparameters;
@@ -73,5 +74,6 @@ struct ern_torso_step_args {
   void *user;
   size_t n;
 };
+#define ERN_COST_torso_step(a) ERN_COST_ELSEWHERE
 
 #endif

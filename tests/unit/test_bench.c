@@ -257,8 +257,8 @@ static void test_kernels(void **state) {
                                          "samples",
                                          "plane_fwd",
                                          "plane_bwd",
-                                         "region_fwd",
-                                         "region_bwd",
+                                         "attention_fwd",
+                                         "attention_bwd",
                                          "eye_mlp_fwd",
                                          "eye_mlp_bwd",
                                          "density_mlp_fwd",
@@ -292,7 +292,7 @@ static void test_kernels(void **state) {
                                          "torso_grid_bwd",
                                          "torso_composite_fwd",
                                          "torso_update",
-                                         "frequencies_fwd",
+                                         "freq_fwd",
                                          "background",
                                          "picture"};
   const ern_bench_options options = quick();

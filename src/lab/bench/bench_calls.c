@@ -110,18 +110,6 @@ static cost cost_activate(ern_activation kind, size_t values, bool backward, siz
                 .bytes = n * (backward ? 3 : 2) * (double)real};
 }
 
-/* `flops` and `reals` for each item; bytes: `ints` are added. */
-static cost cost_each(const char *name, const char *item, size_t n, double flops, double reals, double ints,
-                      size_t real) {
-  const double items = (double)n;
-  return (cost){.name = name,
-                .item = item,
-                .items = items,
-                .flops_written = items * flops,
-                .flops = items * flops,
-                .bytes = items * (reals * (double)real + ints * INT_BYTES)};
-}
-
 /* ---- audio ------------------------------------------------------------------------------------------------------- */
 
 static double audio_macs(const struct ern_audio_net *net) {
@@ -148,102 +136,30 @@ static cost cost_audio(const struct ern_audio_net *net, bool backward, size_t re
                 .bytes = (in + (backward ? 3 : 1) * (double)net->count) * (double)real};
 }
 
-/* ---- rays -------------------------------------------------------------------------------------------------------- */
+/* ---- the others, whose cost stands with their arguments ------------------------------------------------------------
+ */
 
-static cost cost_rays(const struct ern_bench_call *call, size_t real) {
-  const union ern_bench_args *a = &call->args;
+static cost cost_by_item(const struct ern_bench_call *call, size_t real) {
+  static const char *const names[] = {
+#define NAME(name_) [ERN_BENCH_SLOT_##name_] = #name_,
+      ERN_SLOTS(NAME)
+#undef NAME
+  };
+  struct ern_cost c = {0};
   switch (call->slot) {
-    case ERN_BENCH_SLOT_rays: return cost_each("rays", "ray", a->rays.n, 31, 3, 1, real);
-    case ERN_BENCH_SLOT_march: return (cost){"march", "ray", (double)a->march.n, 0, 0, 0, 0}; /* steps are not known */
-    case ERN_BENCH_SLOT_samples: return cost_each("samples", "sample", a->samples.dt.count, 8, 6, 1, real);
-    case ERN_BENCH_SLOT_sh_fwd: return cost_each("sh_fwd", "ray", a->sh_fwd.n, 44, 19, 0, real);
-    case ERN_BENCH_SLOT_freq_fwd: {
-      const double dims = a->freq_fwd.x.rows, octaves = a->freq_fwd.octaves;
-      return cost_each("frequencies_fwd", "pixel", a->freq_fwd.n, 4 * dims * octaves, dims * (2 + 2 * octaves), 0,
-                       real);
-    }
-    case ERN_BENCH_SLOT_attention_fwd:
-      return cost_each("region_fwd", "sample", a->attention_fwd.n, 3 * ERN_AUDIO_CODE + 2, 2 * ERN_AUDIO_CODE + 3, 0,
-                       real);
-    case ERN_BENCH_SLOT_attention_bwd:
-      return cost_each("region_bwd", "sample", a->attention_bwd.forward.n, 5 * ERN_AUDIO_CODE + 3,
-                       3 * ERN_AUDIO_CODE + 5, 0, real);
-    case ERN_BENCH_SLOT_composite_fwd:
-      return cost_each("composite_fwd", "sample", a->composite_fwd.dt.count, 18, 9, 0, real);
-    case ERN_BENCH_SLOT_composite_bwd:
-      return cost_each("composite_bwd", "sample", a->composite_bwd.forward.dt.count, 32, 16, 0, real);
-    default: return (cost){0};
+#define COST(name_) \
+  case ERN_BENCH_SLOT_##name_: c = ERN_COST_##name_(&call->args.name_); break;
+    ERN_SLOTS(COST)
+#undef COST
+    default: break;
   }
-}
-
-/* ---- losses, updates, occupancy ---------------------------------------------------------------------------------- */
-
-static cost cost_update(const struct ern_bench_call *call, size_t real) {
-  const union ern_bench_args *a = &call->args;
-  switch (call->slot) {
-    case ERN_BENCH_SLOT_head_loss: return cost_each("head_loss", "ray", a->head_loss.n, 60, 18, 0, real);
-    case ERN_BENCH_SLOT_mse: return cost_each("mse", "ray", a->mse.n, 12, 9, 0, real);
-    case ERN_BENCH_SLOT_smooth_loss: return cost_each("smooth_loss", "sample", a->smooth_loss.n, 4, 3, 0, real);
-    case ERN_BENCH_SLOT_smooth_points: /* its time is the integer arithmetic of Philox */
-      return (cost){"smooth_points", "sample", (double)a->smooth_points.n, 0, 0, 0, 0};
-    case ERN_BENCH_SLOT_adamw: return cost_each("adamw", "value", a->adamw.n, 12, 5, 0, real);
-    case ERN_BENCH_SLOT_ema: return cost_each("ema", "value", a->ema.n, 3, 3, 0, real);
-    case ERN_BENCH_SLOT_finite: return cost_each("finite", "value", a->finite.n, 0, 1, 0, real);
-    case ERN_BENCH_SLOT_occupancy_mark: { /* a centre into the camera 15, its place in the picture 4 */
-      const double views = (double)a->occupancy_mark.view_count;
-      return cost_each("occupancy_mark", "cell", a->occupancy_mark.grid.count, 19 * views, 1, 0, real);
-    }
-    case ERN_BENCH_SLOT_occupancy_list:
-      return cost_each("occupancy_list", "cell", a->occupancy_list.grid.count, 0, 1, 1, real);
-    case ERN_BENCH_SLOT_occupancy_points: /* Philox too */
-      return (cost){"occupancy_points", "cell", (double)a->occupancy_points.n, 0, 0, 0, 0};
-    case ERN_BENCH_SLOT_occupancy_scatter: /* ascending cells */
-      return cost_each("occupancy_scatter", "cell", a->occupancy_scatter.n, 0, 2, 1, real);
-    case ERN_BENCH_SLOT_occupancy_update:
-      return cost_each("occupancy_update", "cell", a->occupancy_update.grid.count, 2, 3, 0, real);
-    default: return (cost){0};
-  }
-}
-
-/* and pictures */
-static cost cost_torso(const struct ern_bench_call *call, size_t real) {
-  const union ern_bench_args *a = &call->args;
-  switch (call->slot) {
-    case ERN_BENCH_SLOT_torso_coords: return cost_each("torso_coords", "pixel", a->torso_coords.n, 6, 2, 1, real);
-    case ERN_BENCH_SLOT_torso_select: {
-      cost c = cost_each("torso_select", "pixel", a->torso_select.n, 14, 0, 3, real);
-      c.reads = 4 * c.items;
-      return c;
-    }
-    case ERN_BENCH_SLOT_torso_deform_fwd:
-      return cost_each("torso_deform_fwd", "pixel", a->torso_deform_fwd.n, 2, 6, 0, real);
-    case ERN_BENCH_SLOT_torso_deform_bwd:
-      return cost_each("torso_deform_bwd", "pixel", a->torso_deform_bwd.forward.n, 2, 8, 0, real);
-    case ERN_BENCH_SLOT_torso_composite_fwd:
-      return cost_each("torso_composite_fwd", "pixel", a->torso_composite_fwd.n, 12, 10, 1, real);
-    case ERN_BENCH_SLOT_torso_composite_bwd:
-      return cost_each("torso_composite_bwd", "pixel", a->torso_composite_bwd.forward.n, 12, 14, 1, real);
-    case ERN_BENCH_SLOT_background: /* bytes count a quarter of an int */
-      return a->background.torso.buffer != NULL ? cost_each("background", "pixel", a->background.n, 13, 4, 1.75, real)
-                                                : cost_each("background", "pixel", a->background.n, 3, 4, 0.75, real);
-    case ERN_BENCH_SLOT_picture:
-      return cost_each("picture", "pixel", a->picture.n, a->picture.head.buffer != NULL ? 10 : 3,
-                       a->picture.head.buffer != NULL ? 5 : 3, 1, real);
-    case ERN_BENCH_SLOT_upsample: /* 7 multiply-adds for each channel and intermediate column, 7 for the rows */
-      return cost_each("upsample", "pixel", (size_t)a->upsample.width * (size_t)a->upsample.height,
-                       14 * (double)a->upsample.large.rows, 2 * (double)a->upsample.large.rows, 0, real);
-    case ERN_BENCH_SLOT_gather:
-      return cost_each("gather", "pixel", a->gather.n, 0, 2 * (double)a->gather.from.rows, 1, real);
-    case ERN_BENCH_SLOT_scatter:
-      return cost_each("scatter", "pixel", a->scatter.n, 0, 2 * (double)a->scatter.from.rows, 1, real);
-    case ERN_BENCH_SLOT_blend:
-      return cost_each("blend", "pixel", a->blend.n, 2 * (double)a->blend.from.rows, 1 + (double)a->blend.from.rows, 1,
-                       real);
-    case ERN_BENCH_SLOT_overlay: return cost_each("overlay", "pixel", a->overlay.n, 7, 10, 0, real);
-    case ERN_BENCH_SLOT_torso_points: return (cost){"torso_points", "cell", ERN_TORSO_CELLS, 0, 0, 0, 0};
-    case ERN_BENCH_SLOT_torso_update: return cost_each("torso_update", "cell", ERN_TORSO_CELLS, 1, 3, 0, real);
-    default: return (cost){0};
-  }
+  return (cost){.name = c.item != NULL ? names[call->slot] : NULL,
+                .item = c.item,
+                .items = c.items,
+                .flops_written = c.items * c.flops,
+                .flops = c.items * c.flops,
+                .bytes = c.items * (c.reals * (double)real + c.ints * INT_BYTES),
+                .reads = c.items * c.reads};
 }
 
 struct ern_bench_call_cost ern_bench_call_cost(const struct ern_bench_call *call, const struct ern_field *field,
@@ -263,10 +179,7 @@ struct ern_bench_call_cost ern_bench_call_cost(const struct ern_bench_call *call
       break;
     case ERN_BENCH_SLOT_audio_fwd: return cost_audio(&a->audio_fwd.net, false, real);
     case ERN_BENCH_SLOT_audio_bwd: return cost_audio(&a->audio_bwd.forward.net, true, real);
-    default:
-      c = cost_rays(call, real);
-      if (c.name == NULL) c = cost_update(call, real);
-      if (c.name == NULL) c = cost_torso(call, real);
+    default: c = cost_by_item(call, real);
   }
   if (c.items < SMALL) c.name = NULL;
   return c;
