@@ -67,6 +67,12 @@ fault 'a script that calls cd, without "unset CDPATH"' < <(
     ! head -n 1 "$file" | grep -q '^#!.*sh' || ! grep -q '\bcd ["$]' "$file" || grep -q '^unset CDPATH' "$file" || echo "$file"
   done)
 
+# Three check more than an operation: whole heads, a fused pass, and what moves bytes.
+fault 'a noun of operations without its kernelcheck, or the reverse' < <(
+  diff <({ git ls-files 'src/*_ops.h' | sed 's|.*/||; s|_ops[.]h||' | grep -vx tile_culling
+    printf '%s\n' head memory torso_pass; } | sort) \
+    <(git ls-files tests/kernelcheck | sed -n 's|.*/\([a-z0-9_]*\)[.]c$|\1|p' | grep -vE '^(check|bf16)_|^(harness|kernelcheck)$' | sort) || true)
+
 version() { grep -oE "$2" "$1" | grep -oE '[0-9]+(\.[0-9]+)*' | tail -n 1; }
 header=include/ernerf/base.h
 declared=$(version $header 'VERSION_MAJOR [0-9]+').$(version $header 'VERSION_MINOR [0-9]+').$(version $header 'VERSION_PATCH [0-9]+')
