@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  * Sound as it comes in, a video with sound out. Several sounds at once share one model: each has a session, a renderer
- * and a thread. The model must be trained on the built-in features (ernerf train --asr_model cepstra). Uses
+ * and a thread. The model must be trained on the built-in features (ernerf train --asr-model cepstra). Uses
  * libernerf-media.
  *
  *   cc -std=c17 live_minimal.c $(pkg-config --cflags --libs libernerf-media) -pthread -o live_minimal

@@ -207,7 +207,7 @@ if [ -n "${ERNERF_TEST_LONG-}" ]; then
 
   stage "live"
   tiny=$source/data/tiny
-  "$root/bin/ernerf" train "$tiny" -o "$work/live.safetensors" --asr_model cepstra --iters 5 --rays 64 --levels 2 --quiet ||
+  "$root/bin/ernerf" train "$tiny" -o "$work/live.safetensors" --asr-model cepstra --iters 5 --rays 64 --levels 2 --quiet ||
     fail "the installed program does not train"
   live=("$work/live.safetensors" "$tiny/transforms_val.json" 10) # frames a second
   "$work/live_minimal" "${live[@]}" "$tiny/aud.wav" "$work/one.y4m" >"$work/live.log" || fail "live_minimal: $(cat "$work/live.log")"

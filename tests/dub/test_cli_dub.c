@@ -82,7 +82,7 @@ static void test_dub(void **state) {
 static void test_for_dub(void **state) {
   (void)state;
   cli_run(&cli,
-          "train clip -o for.safetensors --for dub --iters 5 --rays 256 --levels 2 --validate-frames 1 --asr_model "
+          "train clip -o for.safetensors --for dub --iters 5 --rays 256 --levels 2 --validate-frames 1 --asr-model "
           "cepstra --json for.json");
   cli_expect(&cli, 0, NULL);
   cli_run(&cli, "info for.safetensors");
@@ -93,17 +93,17 @@ static void test_for_dub(void **state) {
   cli_run(&cli, "dub for.safetensors clip.mp4 --clip clip --audio clip/aud.wav -o for.mp4 --frames 0:1");
   cli_expect(&cli, 0, NULL);
   assert_null(strstr(cli.err, "blurred"));
-  cli_run(&cli, "train clip -o for.safetensors --for dub --time 10s --torso_shrink 0.7");
+  cli_run(&cli, "train clip -o for.safetensors --for dub --time 10s --torso-shrink 0.7");
   cli_expect(&cli, 2, "--torso-shrink is about the torso, which --for dub lacks", NULL);
-  cli_run(&cli, "train clip -o for.safetensors --for dub --set ray_sampling=uniform");
-  cli_expect(&cli, 2, "--set ray_sampling and --for both choose rays", NULL);
+  cli_run(&cli, "train clip -o for.safetensors --for dub --set ray-sampling=uniform");
+  cli_expect(&cli, 2, "--set ray-sampling and --for both choose rays", NULL);
 }
 
 /* `eval --compose dub`: the recorded picture outside the lower face, and figures of its own. The clip's pictures serve
  * as recorded ones. */
 static void test_eval(void **state) {
   (void)state;
-  cli_run(&cli, "eval h.safetensors clip --compose dub --split all --asr_model cepstra");
+  cli_run(&cli, "eval h.safetensors clip --compose dub --split all --asr-model cepstra");
   cli_expect(&cli, 1, "ori_imgs/0.jpg", NULL);
   for (int i = 0; i < FRAMES; i++) {
     char from[64], to[64];
@@ -111,7 +111,7 @@ static void test_eval(void **state) {
     snprintf(to, sizeof to, "clip/ori_imgs/%d.jpg", i);
     assert_int_equal(symlink(from, to), 0);
   }
-  cli_run(&cli, "eval h.safetensors clip --compose dub --split all --asr_model cepstra --json e.json --video e.mp4");
+  cli_run(&cli, "eval h.safetensors clip --compose dub --split all --asr-model cepstra --json e.json --video e.mp4");
   cli_expect(&cli, 0, NULL);
   assert_non_null(strstr(cli.out, "dubbed: lower face PSNR"));
   json_t *all = cli_json(&cli, "e.json"), *dubbed = json_object_get(all, "dubbed");
@@ -123,14 +123,14 @@ static void test_eval(void **state) {
   assert_true(seam > 0.5 && seam < 1.5 && json_is_number(json_object_get(dubbed, "flicker")));
   assert_int_equal(json_integer_value(json_object_get(dubbed, "left")), 0);
   json_decref(all);
-  cli_run(&cli, "eval h.safetensors clip --compose dub --split all --asr_model cepstra --frames 0:1 --json one.json");
+  cli_run(&cli, "eval h.safetensors clip --compose dub --split all --asr-model cepstra --frames 0:1 --json one.json");
   cli_expect(&cli, 0, NULL);
   json_t *one = cli_json(&cli, "one.json");
   assert_true(json_is_null(json_object_get(json_object_get(one, "dubbed"), "flicker"))); /* it is of two frames */
   json_decref(one);
   cli_run(&cli,
-          "train clip -o none.safetensors --iters 1 --rays 64 --levels 2 --validate-frames 1 --asr_model cepstra");
-  cli_run(&cli, "eval none.safetensors clip --compose dub --split all --asr_model cepstra --json none.json");
+          "train clip -o none.safetensors --iters 1 --rays 64 --levels 2 --validate-frames 1 --asr-model cepstra");
+  cli_run(&cli, "eval none.safetensors clip --compose dub --split all --asr-model cepstra --json none.json");
   cli_expect(&cli, 0, "16 of 16 frames are left as recorded", NULL);
   json_t *none = cli_json(&cli, "none.json");
   assert_true(json_is_null(json_object_get(json_object_get(none, "dubbed"), "psnr_lower_face")));
@@ -141,7 +141,7 @@ static void test_eval(void **state) {
 
 /* PSNR of `eval` of whole frames with these words; `against`: what it says that they were compared with. */
 static double psnr_against(const char *words, const char *against) {
-  cli_run(&cli, "eval h.safetensors clip --split all --asr_model cepstra --json whole.json -y %s", words);
+  cli_run(&cli, "eval h.safetensors clip --split all --asr-model cepstra --json whole.json -y %s", words);
   cli_expect(&cli, 0, NULL);
   json_t *whole = cli_json(&cli, "whole.json");
   assert_string_equal(json_string_value(json_object_get(whole, "against")), against);
@@ -158,11 +158,11 @@ static void test_against_long(void **state) {
   assert_true(psnr_against("", "recorded") < clip - 0.01);
   assert_int_equal(unlink("clip/ori_imgs/3.jpg"), 0);
   assert_true(psnr_against("", "clip") == clip);
-  cli_run(&cli, "eval h.safetensors clip --split all --asr_model cepstra --against recorded");
+  cli_run(&cli, "eval h.safetensors clip --split all --asr-model cepstra --against recorded");
   cli_expect(&cli, 1, "ori_imgs/3.jpg", NULL);
   assert_int_equal(symlink("../gt_imgs/3.jpg", "clip/ori_imgs/3.jpg"), 0);
   psnr_against("--against recorded", "recorded");
-  cli_run(&cli, "eval h.safetensors clip --setting reconstruction --asr_model cepstra");
+  cli_run(&cli, "eval h.safetensors clip --setting reconstruction --asr-model cepstra");
   cli_expect(&cli, 0, NULL);
   assert_non_null(strstr(cli.out, "compared with the clip's pictures"));
   cli_run(&cli, "eval h.safetensors clip --compose dub --against clip");

@@ -164,10 +164,10 @@ static void test_control(void **state) {
 static void test_refused(void **state) {
   (void)state;
 #define LIVE "live h.safetensors --clip clip --video clip.mp4 --duration 1 -o no.mp4 "
-  cli_run(&cli, LIVE "--bg_img white");
-  cli_expect(&cli, 2, "--bg_img places what is not drawn with --video", NULL);
-  cli_run(&cli, LIVE "--set hold_pose=3");
-  cli_expect(&cli, 2, "--set hold_pose changes pose or eyes, which are as recorded with --video", NULL);
+  cli_run(&cli, LIVE "--bg-img white");
+  cli_expect(&cli, 2, "--bg-img places what is not drawn with --video", NULL);
+  cli_run(&cli, LIVE "--set hold-pose=3");
+  cli_expect(&cli, 2, "--set hold-pose changes pose or eyes, which are as recorded with --video", NULL);
   cli_run(&cli, LIVE "--torso model");
   cli_expect(&cli, 2, "--torso is about the torso, which is as recorded with --video", NULL);
   cli_run(&cli, LIVE "--size 48x48");

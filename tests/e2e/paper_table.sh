@@ -32,7 +32,7 @@ mkdir one && cp -r all/a one/a
 if [ -n "${ERNERF_TEST_LONG-}" ]; then
   # the synchronization setting
   "$ernerf" synth other --size 64 --frames 33 --seed 9 --quiet
-  "$source/tools/paper-table" one -o s.md --speech other/aud_ds.npy -- --lpips-heads=none --lpips_network none > /dev/null 2> err.txt &&
+  "$source/tools/paper-table" one -o s.md --speech other/aud_ds.npy -- --lpips-heads=none --lpips-network none > /dev/null 2> err.txt &&
     fail "LPIPS without weights was taken"
   [ "$(jq -r '.[].setting' s.json)" = synchronization ] || fail "the true frames of other speech were asked for: $(cat err.txt s.json)"
   rm s.md s.json

@@ -14,7 +14,7 @@ cd "$folder"
 "$ernerf" synth person --size 160 --frames 30 --seed 5 --turn 12 --parsing --video person.mp4 --quiet
 # a clip with its video, and a head for it
 "$ernerf" synth recorded --size 96 --frames 16 --seed 3 --parsing --video recorded.mp4 --quiet
-"$ernerf" train recorded -o recorded_head.safetensors --iters 200 --rays 128 --lr 0.03 --lr_net 0.005 --levels 2 --validate-frames 1 \
-  --asr_model cepstra --quiet
+"$ernerf" train recorded -o recorded_head.safetensors --iters 200 --rays 128 --lr 0.03 --lr-net 0.005 --levels 2 --validate-frames 1 \
+  --asr-model cepstra --quiet
 "$ernerf" train short -o short_head.safetensors --iters 20 --rays 256 --levels 2 --validate-frames 1 --quiet
 "$ernerf" train long -o long_head.safetensors --iters 6 --rays 256 --levels 4 --validate-frames 1 --quiet

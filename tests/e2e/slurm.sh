@@ -107,6 +107,6 @@ fi
 options="--iters 3 --rays 64 --levels 2 --validate-frames 1"
 batch --nodes=2 --output=train.log "$scripts/train.sbatch" "$clip" -o two.safetensors $options
 grep -q "2 processes" train.log || fail "they are not two: $(cat train.log)"
-"$ernerf" train "$clip" -o one.safetensors $options --set step_parts=4 --threads 1 --quiet
+"$ernerf" train "$clip" -o one.safetensors $options --set step-parts=4 --threads 1 --quiet
 cmp one.safetensors two.safetensors || fail "the model of two nodes is another"
 echo "segments, people and a training on two nodes"

@@ -103,8 +103,8 @@ static void ablate_again(const char *folder, const char *more, double *psnr, dou
 static void test_resume_long(void **state) {
   (void)state;
   double psnr[3], seconds[3], lr_net[3];
-  ablate_again("again", "--lr_net 0.004", &psnr[0], &seconds[0], &lr_net[0]);
-  ablate_again("again", "--lr_net 0.004 --resume", &psnr[1], &seconds[1], &lr_net[1]);
+  ablate_again("again", "--lr-net 0.004", &psnr[0], &seconds[0], &lr_net[0]);
+  ablate_again("again", "--lr-net 0.004 --resume", &psnr[1], &seconds[1], &lr_net[1]);
   ablate_again("slower", "", &psnr[2], &seconds[2], &lr_net[2]);
   assert_true(psnr[0] == psnr[1] && seconds[0] == seconds[1] && psnr[2] != psnr[0]);
   assert_true((float)lr_net[0] == 0.004f && lr_net[1] == lr_net[0] && (float)lr_net[2] == 0.001f);
@@ -126,7 +126,7 @@ static void test_resume_keeps_tables(void **state) {
   } others[] = {{"--resume --seeds 2", "is of 1 seeds, and not of 2"},
                 {"--resume --frames 0:2", "is of 1 frames, and not of 2"},
                 {"--resume --rays 16", "is of 32 rays, and not of 16"},
-                {"--resume --lr_net 0.01", "is of 0.001 lr_net, and not of 0.01"},
+                {"--resume --lr-net 0.01", "is of 0.001 lr_net, and not of 0.01"},
                 {"--resume --seed 5", "and seed 0, expected 32, 0.001 and 5"}};
   for (size_t i = 0; i < sizeof others / sizeof *others; i++) {
     cli_run(&cli, "ablate %s -o rows --iters 2 --repeats 3 --only trihash-channel --quiet %s%s%s", clip,

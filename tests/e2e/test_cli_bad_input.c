@@ -252,7 +252,7 @@ static void test_mismatch(void **state) {
   cli_expect(&cli, 1, "m.safetensors", "another clip", "expected", "--force", NULL);
   cli_run(&cli, "eval m.safetensors other --force --split val");
   cli_expect(&cli, 0, "warning", "another clip", NULL);
-  cli_run(&cli, "render m.safetensors --clip base --fix_eye 0.5 --backend opencl --device 255 -o x.mp4");
+  cli_run(&cli, "render m.safetensors --clip base --fix-eye 0.5 --backend opencl --device 255 -o x.mp4");
   cli_expect(&cli, 1, "OpenCL", NULL);
   assert_false(cli_there("x.mp4"));
 }
@@ -290,7 +290,7 @@ static void test_output_is_input(void **state) {
       {"render m.safetensors --clip base --frames 0:1 -o base/torso_imgs/%d.png", "is among the clip's pictures"},
       {"info base/transforms_val.json -y --json base/transforms_val.json", "base/transforms_val.json: is an input"},
       {"soak base --steps 1 -y --json base/transforms_train.json", "base/transforms_train.json: is an input"},
-      {"render m.safetensors --clip base --bg_img behind1.png -y -o behind%d.png", "behind1.png: is an input"}};
+      {"render m.safetensors --clip base --bg-img behind1.png -y -o behind%d.png", "behind1.png: is an input"}};
   size_t count = 0, after = 0;
   cli_run(&cli, "render m.safetensors --clip base --frames 1:2 -y -o behind%%d.png");
   cli_expect(&cli, 0, NULL);
@@ -374,7 +374,7 @@ static void test_full_disk(void **state) {
   assert_int_equal(cli_count("full"), 0);
   cli_run(&cli, "train base -o full/x.safetensors --iters 1 --rays 16 --levels 2 --quiet");
   cli_expect(&cli, 0, NULL);
-  refuse_full(3000, "render m.safetensors --clip base --frames 0:3 --bg_img white -o full/x.mp4 --quiet", "full/x.mp4");
+  refuse_full(3000, "render m.safetensors --clip base --frames 0:3 --bg-img white -o full/x.mp4 --quiet", "full/x.mp4");
   assert_int_equal(cli_count("full"), 0);
   refuse_full(1000, "render m.safetensors --clip base --frames 0:1 -o full/x%d.png --quiet", "full/x0.png");
   assert_int_equal(cli_count("full"), 0);

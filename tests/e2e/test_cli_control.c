@@ -17,7 +17,7 @@ static int make_model(void **state) {
   cli_run(&cli, "synth clip --size %d --frames %d --seed 3 --quiet", SIZE, FRAMES);
   cli_expect(&cli, 0, NULL);
   cli_run(&cli,
-          "train clip -o m.safetensors --iters 40 --rays 256 --levels 6 --seed 7 --lr_net 0.004 --effects "
+          "train clip -o m.safetensors --iters 40 --rays 256 --levels 6 --seed 7 --lr-net 0.004 --effects "
           "eye,codes,view --quiet");
   cli_expect(&cli, 0, NULL);
   ern_context *context = support_context();
@@ -65,28 +65,28 @@ static void test_eye_curve(void **state) {
   support_write_text("closed.txt", lines);
   support_write_text("blink.txt", "0\n0\n0\n0\n0\n0\n1\n0\n");
   expect_pixels("", "--eye clip/au.csv", FRAMES, true);
-  expect_pixels("--fix_eye 1 --frames 6:7", "--eye closed.npy --frames 6:7", 1, true);
-  expect_pixels("--fix_eye 1 --frames 6:7", "--eye closed.txt --frames 6:7", 1, true);
-  expect_pixels("--fix_eye 0 --frames 6:7", "--fix_eye 1 --frames 6:7", 1, false);
-  expect_pixels("--fix_eye 1 --frames 6:7", "--eye blink.txt --frames 6:7", 1, true); /* value 6 is frame 6's */
-  expect_pixels("--fix_eye 0 --frames 7:8", "--eye blink.txt --frames 7:8", 1, true);
-  expect_pixels("--fix_eye 0 --audio hum.npy", "--eye blink.txt --audio hum.npy", WINDOWS, true);
+  expect_pixels("--fix-eye 1 --frames 6:7", "--eye closed.npy --frames 6:7", 1, true);
+  expect_pixels("--fix-eye 1 --frames 6:7", "--eye closed.txt --frames 6:7", 1, true);
+  expect_pixels("--fix-eye 0 --frames 6:7", "--fix-eye 1 --frames 6:7", 1, false);
+  expect_pixels("--fix-eye 1 --frames 6:7", "--eye blink.txt --frames 6:7", 1, true); /* value 6 is frame 6's */
+  expect_pixels("--fix-eye 0 --frames 7:8", "--eye blink.txt --frames 7:8", 1, true);
+  expect_pixels("--fix-eye 0 --audio hum.npy", "--eye blink.txt --audio hum.npy", WINDOWS, true);
   ern_context_free(&context);
 }
 
 static void test_hold(void **state) {
   (void)state;
-  uint8_t *moving = raw("--audio hum.npy --fix_eye 0", WINDOWS);
-  uint8_t *held = raw("--audio hum.npy --fix_eye 0 --set hold_pose=3", WINDOWS);
+  uint8_t *moving = raw("--audio hum.npy --fix-eye 0", WINDOWS);
+  uint8_t *held = raw("--audio hum.npy --fix-eye 0 --set hold-pose=3", WINDOWS);
   for (size_t k = 0; k < WINDOWS; k++)
     assert_memory_equal(held + k * PIXEL_BYTES, moving + 3 * PIXEL_BYTES, PIXEL_BYTES);
   assert_true(memcmp(moving, moving + 3 * PIXEL_BYTES, PIXEL_BYTES) != 0);
   free(moving);
   free(held);
-  expect_pixels("--set hold_pose=0 --frames 4:6", "--set hold_pose=0 --frames 4:6", 2, true);
-  expect_pixels("--set hold_pose=5 --frames 5:6", "--frames 5:6", 1, true); /* its own speech and eyes */
-  cli_run(&cli, "render m.safetensors --clip clip --set hold_pose=%d -o x.mp4", FRAMES);
-  cli_expect(&cli, 2, "--set hold_pose is 12", "expected 0 to 11", NULL);
+  expect_pixels("--set hold-pose=0 --frames 4:6", "--set hold-pose=0 --frames 4:6", 2, true);
+  expect_pixels("--set hold-pose=5 --frames 5:6", "--frames 5:6", 1, true); /* its own speech and eyes */
+  cli_run(&cli, "render m.safetensors --clip clip --set hold-pose=%d -o x.mp4", FRAMES);
+  cli_expect(&cli, 2, "--set hold-pose is 12", "expected 0 to 11", NULL);
 }
 
 static void test_rotate(void **state) {
@@ -95,27 +95,27 @@ static void test_rotate(void **state) {
   expect_pixels("--frames 4:5", "--rotate 20,0 --frames 4:5", 1, false);
   expect_pixels("--rotate 20,0 --frames 4:5", "--rotate -20,0 --frames 4:5", 1, false);
   expect_pixels("--rotate=0,15 --frames 4:5", "--rotate=0,-15 --frames 4:5", 1, false);
-  expect_pixels("--set hold_pose=4 --rotate -20,5 --frames 4:5", "--rotate -20,5 --frames 4:5", 1, true);
+  expect_pixels("--set hold-pose=4 --rotate -20,5 --frames 4:5", "--rotate -20,5 --frames 4:5", 1, true);
 }
 
 /* A part of a video is that part of the whole, also where a frame depends on those before it. */
 static void test_smooth_lips_long(void **state) {
   (void)state;
-  uint8_t *all = raw("--smooth_lips", FRAMES), *part = raw("--smooth_lips --frames 6:9", 3);
+  uint8_t *all = raw("--smooth-lips", FRAMES), *part = raw("--smooth-lips --frames 6:9", 3);
   assert_memory_equal(part, all + 6 * PIXEL_BYTES, 3 * PIXEL_BYTES);
   free(part);
-  part = raw("--smooth_lips --frames 11:", 1);
+  part = raw("--smooth-lips --frames 11:", 1);
   assert_memory_equal(part, all + 11 * PIXEL_BYTES, PIXEL_BYTES);
   free(part);
   free(all);
-  all = raw("--smooth_lips --fps 50", 2 * FRAMES);
-  part = raw("--smooth_lips --fps 50 --frames 13:16", 3);
+  all = raw("--smooth-lips --fps 50", 2 * FRAMES);
+  part = raw("--smooth-lips --fps 50 --frames 13:16", 3);
   assert_memory_equal(part, all + 13 * PIXEL_BYTES, 3 * PIXEL_BYTES);
   free(part);
   free(all);
   json_t *reports[2];
   for (int i = 0; i < 2; i++) {
-    cli_run(&cli, "eval m.safetensors clip --split train --smooth_lips %s --json", i == 0 ? "" : "--frames 6:9");
+    cli_run(&cli, "eval m.safetensors clip --split train --smooth-lips %s --json", i == 0 ? "" : "--frames 6:9");
     cli_expect(&cli, 0, NULL);
     reports[i] = cli_json(&cli, NULL);
   }

@@ -244,7 +244,7 @@ static void test_use_long(void **state) {
   cli_run(&cli, "train whole -y -o more.safetensors --from used.safetensors --rays 32 --iters 3 --quiet");
   cli_expect(&cli, 0, NULL); /* --from says what the head is like */
   cli_run(&cli,
-          "train whole -y -o more.safetensors --from used.safetensors --rays 32 --iters 3 --effects eye --ind_num 0");
+          "train whole -y -o more.safetensors --from used.safetensors --rays 32 --iters 3 --effects eye --ind-num 0");
   cli_expect(&cli, 0, NULL);
   cli_run(&cli, "train whole -y -o more.safetensors --from used.safetensors --rays 32 --iters 3 --effects eye,view");
   cli_expect(&cli, 1, "view dependence", NULL);
@@ -253,7 +253,7 @@ static void test_use_long(void **state) {
   cli_expect(&cli, 0, NULL);
   cli_run(&cli, "convert used.safetensors used.pth");
   cli_expect(&cli, 1, "does not depend on the view", NULL);
-  cli_run(&cli, "render open.safetensors --clip open --frames 0:1 -o frames/%%d.png --fix_eye 0.5");
+  cli_run(&cli, "render open.safetensors --clip open --frames 0:1 -o frames/%%d.png --fix-eye 0.5");
   cli_expect(&cli, 1, "eye", NULL);
 }
 
@@ -267,7 +267,7 @@ static void test_refusals(void **state) {
       {"train whole -o x.safetensors --effects eye,eye", "eye is there twice", 2},
       {"train whole -o x.safetensors --effects eye,", "\"\" is none of them", 2},
       {"train whole -o x.safetensors --effects none,eye", "\"none\" is none of them", 2},
-      {"train whole -o x.safetensors --effects eye --ind_num 40", "--effects has no codes", 2},
+      {"train whole -o x.safetensors --effects eye --ind-num 40", "--effects has no codes", 2},
       {"train whole --torso --head whole.safetensors -o x.safetensors --effects eye", "--torso", 2},
       {"train open -o x.safetensors --effects eye", "no au.csv", 1},
       {"train mute -o x.safetensors", "the mouth would not move", 1},

@@ -108,8 +108,8 @@ static void test_refused(void **state) {
   cli_expect(&cli, 2, "s.bmp", ".png", NULL);
   cli_run(&cli, "eval m.safetensors clip --sheet t.csv.png --csv t.csv.png");
   cli_expect(&cli, 1, "t.csv.png", NULL);
-  cli_run(&cli, "eval m.safetensors clip --sheet q.png --smooth_lips");
-  cli_expect(&cli, 2, "--smooth_lips", NULL);
+  cli_run(&cli, "eval m.safetensors clip --sheet q.png --smooth-lips");
+  cli_expect(&cli, 2, "--smooth-lips", NULL);
   assert_true(access("q.png", F_OK) != 0);
 }
 

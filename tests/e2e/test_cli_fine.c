@@ -16,13 +16,13 @@ static int make_clip(void **state) {
 }
 
 #define HEAD "--rays 600 --levels 2 --seed 5 --validate-every 0 --validate-frames 1 "
-#define FINE " --patch-size 16 --set fine_weight=0.3 "
+#define FINE " --patch-size 16 --set fine-weight=0.3 "
 
 /* A coarse training that goes on as a fine one is the training that was to become one; a resume of that needs no word
  * of it. What is drawn then differs from what a coarse training of as many steps draws. */
 static void test_after_and_as_the_last_part(void **state) {
   (void)state;
-  cli_run(&cli, "train clip -o m.safetensors " HEAD FINE "--iters 16 --set fine_steps=6");
+  cli_run(&cli, "train clip -o m.safetensors " HEAD FINE "--iters 16 --set fine-steps=6");
   cli_expect(&cli, 0, NULL);
   cli_run(&cli, "train clip -o n.safetensors " HEAD "--iters 10");
   cli_expect(&cli, 0, NULL);
@@ -92,17 +92,17 @@ static void test_by_the_clock_long(void **state) {
 
 static void test_refused(void **state) {
   (void)state;
-  cli_run(&cli, "train clip -o p.safetensors --time 5s --set fine_steps=9");
-  cli_expect(&cli, 2, "--set fine_steps", "--time", NULL);
+  cli_run(&cli, "train clip -o p.safetensors --time 5s --set fine-steps=9");
+  cli_expect(&cli, 2, "--set fine-steps", "--time", NULL);
   cli_run(&cli, "train clip -o p.safetensors --patch-size 16");
   cli_expect(&cli, 2, "--patch-size", "--stage fine", NULL);
-  cli_run(&cli, "train clip -o p.safetensors --time 5s --stage coarse --set fine_weight=1");
-  cli_expect(&cli, 2, "--set fine_weight", "--stage fine", NULL);
-  cli_run(&cli, "train clip -o p.safetensors --stage fine --set fine_steps=3");
-  cli_expect(&cli, 2, "--set fine_steps", NULL);
-  cli_run(&cli, "train clip -o p.safetensors --torso --head m.safetensors --set fine_steps=3");
-  cli_expect(&cli, 2, "--set fine_steps", NULL);
-  cli_run(&cli, "train clip -o p.safetensors --set fine_steps=3 --patch-size 24");
+  cli_run(&cli, "train clip -o p.safetensors --time 5s --stage coarse --set fine-weight=1");
+  cli_expect(&cli, 2, "--set fine-weight", "--stage fine", NULL);
+  cli_run(&cli, "train clip -o p.safetensors --stage fine --set fine-steps=3");
+  cli_expect(&cli, 2, "--set fine-steps", NULL);
+  cli_run(&cli, "train clip -o p.safetensors --torso --head m.safetensors --set fine-steps=3");
+  cli_expect(&cli, 2, "--set fine-steps", NULL);
+  cli_run(&cli, "train clip -o p.safetensors --set fine-steps=3 --patch-size 24");
   cli_expect(&cli, 1, "patch_size is 24, expected 16, 32, 48 or 64", NULL);
   assert_true(access("p.safetensors", F_OK) != 0);
   cli_run(&cli, "train clip -o n.safetensors --resume --stage coarse --iters 20");

@@ -19,7 +19,7 @@ static int make_models(void **state) {
   cli_run(&cli, "synth clip --size %d --frames 12 --seed 3 --quiet", SIDE);
   cli_expect(&cli, 0, NULL);
   cli_run(&cli,
-          "train clip -o head.safetensors --iters 60 --rays 256 --levels 4 --lr_net 0.004 --validate-frames 1 --quiet");
+          "train clip -o head.safetensors --iters 60 --rays 256 --levels 4 --lr-net 0.004 --validate-frames 1 --quiet");
   cli_expect(&cli, 0, NULL);
   cli_run(&cli,
           "train clip --torso --head head.safetensors -o portrait.safetensors --iters 30 --rays 256 --validate-frames "
@@ -101,7 +101,7 @@ static void test_still_edges_long(void **state) {
     support_clear("raw.bin");
     snprintf(
         cli.line, sizeof cli.line,
-        "render head.safetensors --clip clip --size %dx%d --set hold_pose=3 --frames 0:3 %s -o - --quiet --isa ref",
+        "render head.safetensors --clip clip --size %dx%d --set hold-pose=3 --frames 0:3 %s -o - --quiet --isa ref",
         2 * SIDE, SIDE, words[k]);
     cli_start(&cli, "raw.bin", 0);
     cli_wait(&cli);
@@ -125,8 +125,8 @@ static void test_background_is_not_stretched(void **state) {
   fprintf(file, "P6\n32 16\n255\n");
   assert_int_equal(fwrite(pixels, 1, sizeof pixels, file), sizeof pixels);
   fclose(file);
-  uint8_t *wide = drawn("head", 2 * SIDE, SIDE, "--bg_img half.ppm --scale 100"),
-          *cut = drawn("head", 16, SIDE, "--bg_img half.ppm --scale 100");
+  uint8_t *wide = drawn("head", 2 * SIDE, SIDE, "--bg-img half.ppm --scale 100"),
+          *cut = drawn("head", 16, SIDE, "--bg-img half.ppm --scale 100");
   assert_int_equal(wide[0], 200);
   assert_int_equal(wide[4 * (2 * SIDE - 1)], 40);
   assert_int_equal(cut[0], 200); /* its first row goes on upward */
@@ -144,7 +144,7 @@ static void test_background_that_is_cut_before_it_is_scaled(void **state) {
   for (int i = 0; i < 1000 * 4; i++) pixels[3 * i] = i % 1000 < 500 ? 200 : 40; /* left half bright */
   support_clear("strip.png");
   support_ok(context, ern_image_write(context, "strip.png", &image, 100));
-  uint8_t *found = drawn("head", SIDE, SIDE, "--scale 100 --fit cover --bg_img strip.png");
+  uint8_t *found = drawn("head", SIDE, SIDE, "--scale 100 --fit cover --bg-img strip.png");
   assert_int_equal(found[0], 200);
   assert_int_equal(found[4 * (SIDE - 1)], 40);
   free(found);
@@ -162,7 +162,7 @@ static void test_clear_background(void **state) {
     for (size_t i = 0; i < sizeof pixels; i++) pixels[i] = i % 4 < 3 ? 250 : (uint8_t)alpha;
     support_clear("clear.png");
     support_ok(context, ern_image_write(context, "clear.png", &image, 100));
-    uint8_t *found = drawn("head", SIDE, SIDE, "--scale 100 --bg_img clear.png");
+    uint8_t *found = drawn("head", SIDE, SIDE, "--scale 100 --bg-img clear.png");
     assert_non_null(strstr(cli.err, "clear.png: is transparent in places: they show the clip's background"));
     const int expected = (250 * alpha + plain[0] * (255 - alpha)) / 255;
     if (abs(found[0] - expected) > 1 || found[3] != 255)

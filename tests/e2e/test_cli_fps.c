@@ -20,7 +20,7 @@ static int make_model(void **state) {
   cli_run(&cli, "synth clip --size %d --frames %d --seed 3 --quiet", SIZE, FRAMES);
   cli_expect(&cli, 0, NULL);
   cli_run(&cli,
-          "train clip -o m.safetensors --iters 60 --rays 256 --levels 4 --seed 7 --lr_net 0.004 --validate-frames 1 "
+          "train clip -o m.safetensors --iters 60 --rays 256 --levels 4 --seed 7 --lr-net 0.004 --validate-frames 1 "
           "--effects "
           "eye,codes,view --quiet");
   cli_expect(&cli, 0, NULL);
@@ -161,7 +161,7 @@ static void test_frames(void **state) {
  * torso picture of a half is that of the later frame. */
 static void test_turn(void **state) {
   (void)state;
-  uint8_t *all = raw("--audio hum.npy --fix_eye 0 --fps 75", 3 * WINDOWS);
+  uint8_t *all = raw("--audio hum.npy --fix-eye 0 --fps 75", 3 * WINDOWS);
   const size_t turn = 3 * (FRAMES - 1);
   for (size_t k = 1; k <= 6; k++) { /* slerp from either end rounds differently: far less than a step */
     const double step = apart(all, turn - k, all, turn - k + 1), there_and_back = apart(all, turn - k, all, turn + k);
@@ -177,9 +177,9 @@ static void test_control(void **state) {
   (void)state;
   support_write_text("blink.txt", "0\n1\n0\n0\n0\n0\n0\n0\n0\n0\n0\n0\n0\n0\n0\n0\n");
   static const char curve[] =
-      "--audio hum.npy --set hold_pose=2 --set reuse-rays=-1 --fps 100 --eye blink.txt --frames 0:6";
+      "--audio hum.npy --set hold-pose=2 --set reuse-rays=-1 --fps 100 --eye blink.txt --frames 0:6";
   static const char value[] =
-      "--audio hum.npy --set hold_pose=2 --set reuse-rays=-1 --fps 100 --frames 0:6 --fix_eye %s";
+      "--audio hum.npy --set hold-pose=2 --set reuse-rays=-1 --fps 100 --frames 0:6 --fix-eye %s";
   static const char *const eyes[] = {"0", "0.25", "0.5", "0.75", "1", "0.75"};
   uint8_t *blink = raw(curve, 6);
   for (size_t k = 0; k < 6; k++) {

@@ -20,7 +20,7 @@ static int make_model(void **state) {
   cli_run(&cli, "synth small --size 64 --frames 24 --seed 5 --quiet");
   cli_expect(&cli, 0, NULL);
   cli_run(&cli,
-          "train '%s' -o m.safetensors --iters 60 --rays 256 --levels 6 --lr_net 0.004 --validate-every 20 "
+          "train '%s' -o m.safetensors --iters 60 --rays 256 --levels 6 --lr-net 0.004 --validate-every 20 "
           "--validate-frames 1 --quiet",
           clip);
   cli_expect(&cli, 0, NULL);
@@ -59,7 +59,7 @@ static void test_curve_long(void **state) {
   }
   /* goes on where it was */
   cli_run(&cli,
-          "train '%s' -o m.safetensors --iters 80 --rays 256 --levels 6 --lr_net 0.004 --validate-every 20 "
+          "train '%s' -o m.safetensors --iters 80 --rays 256 --levels 6 --lr-net 0.004 --validate-every 20 "
           "--validate-frames 1 --resume --quiet",
           clip);
   cli_expect(&cli, 0, NULL);
@@ -71,7 +71,7 @@ static void test_curve_long(void **state) {
   fputs("step,seconds,psnr\n20,what\n", file);
   fclose(file);
   cli_run(&cli,
-          "train '%s' -o m.safetensors --iters 84 --rays 256 --levels 6 --lr_net 0.004 --validate-frames 1 "
+          "train '%s' -o m.safetensors --iters 84 --rays 256 --levels 6 --lr-net 0.004 --validate-frames 1 "
           "--resume",
           clip);
   cli_expect(&cli, 0, "curve.csv: line 2 is \"20,what\", expected three numbers", NULL);
@@ -111,7 +111,7 @@ static void test_quick_look(void **state) {
   assert_true(number(pace, "budget_ms") == 1000 / (double)0.1f);
   assert_string_equal(json_string_value(json_object_get(pace, "front")), "");
   json_decref(object);
-  cli_run(&cli, "render m.safetensors --clip '%s' --frames 0:3 --set transmittance_stop=1e-4 -o b/%%d.png --quiet",
+  cli_run(&cli, "render m.safetensors --clip '%s' --frames 0:3 --set transmittance-stop=1e-4 -o b/%%d.png --quiet",
           clip);
   cli_expect(&cli, 0, NULL);
   char *first = (char *)cli_bytes("a/2.png", &bytes[0]), *second = (char *)cli_bytes("b/2.png", &bytes[1]);
@@ -177,9 +177,9 @@ static void test_words(void **state) {
                {"--quality good", "exact"},
                {"--hold-fps 0", "--hold-fps"},
                {"--hold-fps nan", "--hold-fps"},
-               {"--hold-fps 25 --max_steps 8", "max_steps"},
-               {"--hold-fps 25 --set image_scale=0.5", "image_scale"},
-               {"--hold-fps 25 --smooth_lips", "smooth_lips"},
+               {"--hold-fps 25 --max-steps 8", "max_steps"},
+               {"--hold-fps 25 --set image-scale=0.5", "image_scale"},
+               {"--hold-fps 25 --smooth-lips", "smooth_lips"},
                {"--set front=x.json", "--set front needs"},
                {"--hold-fps 25 --set front=x.json --isa ref", "isa"}};
   for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {

@@ -31,7 +31,7 @@ static int make_all(void **state) {
   cli_expect(&cli, 0, NULL);
   cli_run(
       &cli,
-      "train clip -o h.safetensors --iters 8 --rays 256 --levels 2 --validate-frames 1 --asr_model cepstra --quiet");
+      "train clip -o h.safetensors --iters 8 --rays 256 --levels 2 --validate-frames 1 --asr-model cepstra --quiet");
   cli_expect(&cli, 0, NULL);
   return 0;
 }

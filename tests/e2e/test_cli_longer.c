@@ -42,7 +42,7 @@ static void test_longer_and_shorter_long(void **state) {
   cli_run(&cli, "train short -o c.safetensors --from b.safetensors --iters 4 --rays 128 --quiet");
   cli_expect(&cli, 0, NULL);
   assert_int_equal(codes_of("c.safetensors"), many); /* no row is in the way */
-  cli_run(&cli, "train short -o c.safetensors --from b.safetensors --iters 4 --rays 128 --ind_num %d --overwrite",
+  cli_run(&cli, "train short -o c.safetensors --from b.safetensors --iters 4 --rays 128 --ind-num %d --overwrite",
           (int)few);
   cli_expect(&cli, 0, "the others dropped", NULL);
   assert_int_equal(codes_of("c.safetensors"), few);
@@ -58,7 +58,7 @@ static void test_resume_with_fewer(void **state) {
   cli_expect(&cli, 0, NULL);
   snprintf(refused, sizeof refused, "short: has %d training frames", (int)codes_of("a.safetensors"));
   cli_run(&cli, "train short -o r.safetensors --resume --iters 6");
-  cli_expect(&cli, 1, refused, "r.safetensors", "--data_range", NULL);
+  cli_expect(&cli, 1, refused, "r.safetensors", "--data-range", NULL);
 }
 
 int main(void) {

@@ -31,9 +31,9 @@ static int make_clip(void **state) {
 
 static void test_fine_stage_long(void **state) {
   (void)state;
-  cli_run(&cli, "train clip -o l.safetensors " HEAD FINE "--iters 12 --set fine_steps=4");
+  cli_run(&cli, "train clip -o l.safetensors " HEAD FINE "--iters 12 --set fine-steps=4");
   cli_expect(&cli, 0, NULL);
-  cli_run(&cli, "train clip -o n.safetensors " HEAD FINE "--iters 10 --set fine_steps=2");
+  cli_run(&cli, "train clip -o n.safetensors " HEAD FINE "--iters 10 --set fine-steps=2");
   cli_expect(&cli, 0, NULL);
   cli_run(&cli, "train clip -o n.safetensors --resume --iters 12");
   cli_expect(&cli, 1, "fine_loss", "lpips-alexnet", "ssim", NULL);
@@ -45,7 +45,7 @@ static void test_fine_stage_long(void **state) {
   cli_expect(&cli, 0, NULL);
   cli_run(&cli, "train clip -o n.safetensors --resume " FINE "--iters 12 --quiet");
   cli_expect(&cli, 0, NULL);
-  cli_run(&cli, "train clip -o p.safetensors " HEAD "--iters 12 --set fine_steps=4"); /* with its own loss */
+  cli_run(&cli, "train clip -o p.safetensors " HEAD "--iters 12 --set fine-steps=4"); /* with its own loss */
   cli_expect(&cli, 0, NULL);
   size_t first = 0, second = 0;
   uint8_t *lpips = cli_bytes("l.safetensors", &first), *ssim = cli_bytes("p.safetensors", &second);
@@ -60,11 +60,11 @@ static void test_paper(void **state) {
   cli_run(&cli, "train clip -o p.safetensors -y --paper " HEAD FINE "--iters 10");
   cli_expect(&cli, 0, NULL);
   cli_run(&cli, "train clip -o n.safetensors -y " HEAD FINE
-                "--iters 10 --set fine_steps=2 --set ray_sampling=uniform --set refresh_every=16");
+                "--iters 10 --set fine-steps=2 --set ray-sampling=uniform --set refresh-every=16");
   cli_expect(&cli, 0, NULL);
   cli_same_bytes("p.safetensors", "n.safetensors");
-  cli_run(&cli, "train clip -o p.safetensors -y --paper --set fine_weight=1 --iters 20");
-  cli_expect(&cli, 2, "--set fine_weight", NULL);
+  cli_run(&cli, "train clip -o p.safetensors -y --paper --set fine-weight=1 --iters 20");
+  cli_expect(&cli, 2, "--set fine-weight", NULL);
   cli_run(&cli, "train clip -o p.safetensors -y --paper --stage fine --iters 20");
   cli_expect(&cli, 2, "--stage", "--paper", NULL);
 }
@@ -153,11 +153,11 @@ static void test_refused(void **state) {
   refuse("x.pth", "h.safetensors", "x.pth", "damaged");
   cli_run(&cli, "eval m.safetensors clip --lpips-network a.safetensors");
   cli_expect(&cli, 2, "--lpips-heads", NULL);
-  cli_run(&cli, "train clip -o q.safetensors --set fine_steps=4 --fine-loss lpips");
+  cli_run(&cli, "train clip -o q.safetensors --set fine-steps=4 --fine-loss lpips");
   cli_expect(&cli, 2, "--lpips-network", NULL);
-  cli_run(&cli, "train clip -o q.safetensors --set fine_steps=4 " WEIGHTS);
+  cli_run(&cli, "train clip -o q.safetensors --set fine-steps=4 " WEIGHTS);
   cli_expect(&cli, 2, "--fine-loss lpips", NULL);
-  cli_run(&cli, "train clip -o q.safetensors --set fine_steps=4 --patch-size 16 --rays 300 " FINE);
+  cli_run(&cli, "train clip -o q.safetensors --set fine-steps=4 --patch-size 16 --rays 300 " FINE);
   cli_expect(&cli, 1, "lpips-alexnet", "16 x 16", "too small", NULL);
 }
 
@@ -170,7 +170,7 @@ int main(void) {
 static void test_not_there(void **state) {
   (void)state;
   cli_shared_clip("short", "clip");
-  cli_run(&cli, "train clip -o q.safetensors --set fine_steps=4 --fine-loss lpips --lpips-network a --lpips-heads b");
+  cli_run(&cli, "train clip -o q.safetensors --set fine-steps=4 --fine-loss lpips --lpips-network a --lpips-heads b");
   cli_expect(&cli, 1, "libernerf-perceptual", "ERNERF_PERCEPTUAL", NULL);
 }
 int main(void) {

@@ -139,12 +139,12 @@ static double number_of(const char *command, const char *name) {
 static void test_validation_of_the_average_long(void **state) {
   (void)state;
   static const char train[] =
-      "train clip --rays 64 --iters 40 --levels 2 --set ema_every=2 --validate-frames 0 --quiet";
+      "train clip --rays 64 --iters 40 --levels 2 --set ema-every=2 --validate-frames 0 --quiet";
   char average[200], weights[200];
   snprintf(average, sizeof average, "%s -o va.safetensors --set ema=yes", train);
   snprintf(weights, sizeof weights, "%s -o vw.safetensors", train);
   const double of_average = number_of(average, "val_psnr"), of_weights = number_of(weights, "val_psnr");
-  const double written = number_of("eval va.safetensors clip --set transmittance_stop=0.0001", "psnr");
+  const double written = number_of("eval va.safetensors clip --set transmittance-stop=0.0001", "psnr");
   print_message("validated %.4f, written %.4f, weights %.4f dB\n", of_average, written, of_weights);
   assert_true(fabs(of_average - of_weights) > 0.02);
   assert_true(fabs(of_average - written) < 0.005); /* eval may stop a ray earlier by rounding */
@@ -169,9 +169,9 @@ static void test_run_folder_long(void **state) {
   cli_expect(&cli, 0, "val_000006.png: is there already and is kept", NULL);
   expect_text("r.run/val_000006.png", "mine");
   /* an average stays one, unless it is asked for the weights */
-  cli_run(&cli, "train clip -o e.safetensors --rays 32 --iters 20 --levels 2 --set ema=yes --set ema_every=2 --quiet");
+  cli_run(&cli, "train clip -o e.safetensors --rays 32 --iters 20 --levels 2 --set ema=yes --set ema-every=2 --quiet");
   cli_expect(&cli, 0, NULL);
-  cli_run(&cli, "train clip -o w.safetensors --rays 32 --iters 20 --levels 2 --set ema_every=2 --quiet");
+  cli_run(&cli, "train clip -o w.safetensors --rays 32 --iters 20 --levels 2 --set ema-every=2 --quiet");
   cli_expect(&cli, 0, NULL);
   assert_int_equal(system("cp e.safetensors average.safetensors"), 0);
   for (int ema = 1; ema >= 0; ema--) {

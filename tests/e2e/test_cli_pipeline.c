@@ -22,7 +22,7 @@ static int make_clip(void **state) {
   cli_run(&cli, "synth clip --size %d --frames %d --seed 5 --quiet", SIZE, FRAMES);
   cli_expect(&cli, 0, NULL);
   cli_run(&cli,
-          "train clip -o head.safetensors --iters 20 --rays 256 --levels 4 --lr_net 0.004 --validate-frames 1 --quiet");
+          "train clip -o head.safetensors --iters 20 --rays 256 --levels 4 --lr-net 0.004 --validate-frames 1 --quiet");
   cli_expect(&cli, 0, NULL);
   cli_run(&cli,
           "train clip --torso --head head.safetensors -o torso.safetensors --iters 4 --rays 256 --validate-frames 1 "
@@ -261,7 +261,7 @@ static void make_tiny(void) {
   static bool made;
   if (made) return;
   cli_run(&cli,
-          "train '%s/data/tiny' -o tiny.safetensors --iters 50 --rays 512 --lr_net 0.004 --validate-every 0 "
+          "train '%s/data/tiny' -o tiny.safetensors --iters 50 --rays 512 --lr-net 0.004 --validate-every 0 "
           "--validate-frames 1 --quiet",
           source);
   cli_expect(&cli, 0, NULL);
@@ -304,7 +304,7 @@ static void test_render_memory_long(void **state) {
   /* more frames than the encoder looks ahead; head and torso: the head alone takes less */
   snprintf(cli.line, sizeof cli.line,
            "render whole.safetensors --clip far --force --backend cpu --threads 2 --size 450x450 --frames 0:%d "
-           "--set transmittance_stop=0.3 -o tiny.mp4 -y --quiet",
+           "--set transmittance-stop=0.3 -o tiny.mp4 -y --quiet",
            DRAWN);
   cli_start(&cli, NULL, 0);
   const size_t peak = peak_of(cli.pid, "RssAnon");

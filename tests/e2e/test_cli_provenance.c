@@ -105,13 +105,13 @@ static void test_video(void **state) {
 static void test_file_beside(void **state) {
   (void)state;
   support_clear("v.mp4");
-  cli_run(&cli, "render n.safetensors --clip other --frames 0:2 --bg_img white -o v.mp4 --quiet");
+  cli_run(&cli, "render n.safetensors --clip other --frames 0:2 --bg-img white -o v.mp4 --quiet");
   cli_expect(&cli, 0, "does not say that the person has agreed", NULL);
   json_t *about = cli_json(&cli, "v.mp4.provenance.json");
   assert_string_equal(member(about, "digital_source_type"), "compositeWithTrainedAlgorithmicMedia"); /* its torso */
   json_decref(about);
   support_clear("v.mp4");
-  cli_run(&cli, "render t.safetensors --clip clip --torso model --frames 0:2 --bg_img white -o v.mp4 --quiet");
+  cli_run(&cli, "render t.safetensors --clip clip --torso model --frames 0:2 --bg-img white -o v.mp4 --quiet");
   cli_expect(&cli, 0, NULL);
   about = cli_json(&cli, "v.mp4.provenance.json");
   assert_string_equal(member(about, "digital_source_type"), "trainedAlgorithmicMedia");
@@ -213,13 +213,13 @@ static int make_speaking_head(void **state) {
   static const char *const old[] = {"w.safetensors", "w.run",     "marked.mp4", "plain.mp4", "plain.json",
                                     "small.mp4",     "text.json", "live.mp4",   "exr"};
   for (size_t i = 0; i < sizeof old / sizeof *old; i++) support_clear(old[i]);
-  cli_run(&cli, "train clip -o w.safetensors " SMALL "--asr_model cepstra");
+  cli_run(&cli, "train clip -o w.safetensors " SMALL "--asr-model cepstra");
   cli_expect(&cli, 0, NULL);
   return 0;
 }
 
 #define RENDER \
-  "render w.safetensors --clip clip --asr_model cepstra --frames 0:6 --size 160x128 --no-provenance --quiet "
+  "render w.safetensors --clip clip --asr-model cepstra --frames 0:6 --size 160x128 --no-provenance --quiet "
 
 static void test_watermark(void **state) {
   (void)state;

@@ -30,7 +30,7 @@ static int make_model(void **state) {
   made_speech(&other, LENGTH, WIDTH, 30, silent);
   write_features(context, "clip/aud_ds.npy", &clip);
   write_features(context, "speech.npy", &other);
-  cli_run(&cli, "train clip -o m.safetensors --iters 60 --rays 256 --levels 6 --seed 7 --lr_net 0.004 --quiet");
+  cli_run(&cli, "train clip -o m.safetensors --iters 60 --rays 256 --levels 6 --seed 7 --lr-net 0.004 --quiet");
   cli_expect(&cli, 0, NULL);
   free(clip.features.data);
   free(other.features.data);
@@ -80,7 +80,7 @@ static struct report report(void) {
  * and without rest. */
 static void test_bound_long(void **state) {
   (void)state;
-  static const char *const ways[] = {"--set silence-pose=no", "--set image_scale=0.5 --fix_eye 0.3"};
+  static const char *const ways[] = {"--set silence-pose=no", "--set image-scale=0.5 --fix-eye 0.3"};
   for (size_t i = 0; i < sizeof ways / sizeof *ways; i++) {
     char words[128], share[64];
     snprintf(words, sizeof words, "--set reuse-rays=-1 %s", ways[i]);

@@ -87,8 +87,8 @@ static void test_own_figures_stay_long(void **state) {
   assert_true(json_equal(json_object_get(plain, "measures"), json_object_get(both, "measures")));
   json_decref(plain);
   json_decref(both);
-  cli_run(&cli, "eval m.safetensors clip --refine-poses --smooth_lips");
-  cli_expect(&cli, 2, "--smooth_lips", NULL);
+  cli_run(&cli, "eval m.safetensors clip --refine-poses --smooth-lips");
+  cli_expect(&cli, 2, "--smooth-lips", NULL);
 }
 
 /* A clip of the same frames is another one as soon as a byte of its poses' file differs. */
@@ -103,7 +103,7 @@ static void test_of_another_clip(void **state) {
   cli_replace("other/transforms_train.json", poses, count + 1);
   free(poses);
   cli_run(&cli,
-          "train clip -o r.safetensors --set refine_poses=yes --iters 20 --rays 128 --levels 2 --validate-frames 1 "
+          "train clip -o r.safetensors --set refine-poses=yes --iters 20 --rays 128 --levels 2 --validate-frames 1 "
           "--quiet");
   cli_expect(&cli, 0, NULL);
 
@@ -121,7 +121,7 @@ static void test_of_another_clip(void **state) {
   /* moments too: a state of another clip may be of another number of frames */
   cli_shared_clip("long", "more");
   cli_run(&cli,
-          "train more -o s.safetensors --from r.run/state.safetensors --set refine_poses=yes --iters 21 --rays 128 "
+          "train more -o s.safetensors --from r.run/state.safetensors --set refine-poses=yes --iters 21 --rays 128 "
           "--validate-frames 1");
   cli_expect(&cli, 0, "its pose corrections are of the frames of another clip, and are left out", NULL);
 }

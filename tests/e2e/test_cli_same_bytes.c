@@ -27,8 +27,8 @@ static void twice(const char *words, const char *line) {
 static void test_kinds(void **state) {
   (void)state;
   static const char *const kinds[] = {
-      "--set backbone=hash3d --set attention=feature --levels 3 --set eye_attention=concat",
-      "--set backbone=triplane --set attention=concat --ind_num 0 --effects none"};
+      "--set backbone=hash3d --set attention=feature --levels 3 --set eye-attention=concat",
+      "--set backbone=triplane --set attention=concat --ind-num 0 --effects none"};
   for (size_t i = 0; i < sizeof kinds / sizeof *kinds; i++) twice(kinds[i], "--iters 1 --validate-frames 1");
 }
 
@@ -59,7 +59,7 @@ static void write_all(const char *name) {
   support_clear(name);
   assert_int_equal(mkdir(name, 0777), 0);
   cli_run(&cli,
-          "train clip -o m.safetensors --iters 2 --rays 64 --levels 3 --asr_model cepstra --validate-frames 1 --quiet");
+          "train clip -o m.safetensors --iters 2 --rays 64 --levels 3 --asr-model cepstra --validate-frames 1 --quiet");
   cli_expect(&cli, 0, NULL);
   cli_run(&cli, "render m.safetensors --clip clip --frames 0:2 -o v.mp4 --quiet");
   cli_expect(&cli, 0, NULL);

@@ -45,7 +45,7 @@ static int make_model(void **state) {
     sound.data[i] = (int16_t)(powf(10, clip.loudness[i * 25 / RATE] / 20) * (i % 2 == 0 ? 1.0f : -1.0f));
   support_ok(context, ern_sound_write_wav(context, "clip/aud.wav", &sound));
   cli_run(&cli,
-          "train clip -o m.safetensors --iters 40 --rays 256 --levels 6 --seed 7 --lr_net 0.004 --effects "
+          "train clip -o m.safetensors --iters 40 --rays 256 --levels 6 --seed 7 --lr-net 0.004 --effects "
           "eye,codes,view --quiet");
   cli_expect(&cli, 0, NULL);
   free(sound.data);
@@ -61,7 +61,7 @@ static uint8_t *raw(const char *words) {
   assert_non_null(pixels);
   support_clear("raw.bin");
   snprintf(cli.line, sizeof cli.line,
-           "render m.safetensors --clip clip --set hold_pose=3 --fix_eye 0 " FRAMES
+           "render m.safetensors --clip clip --set hold-pose=3 --fix-eye 0 " FRAMES
            " -o - --quiet -y --json rest.json %s",
            words);
   cli_start(&cli, "raw.bin", 0);
@@ -178,7 +178,7 @@ static void test_silence(void **state) {
     if (same(rested, off, t) != (t < SILENT || t >= SAID)) fail_msg("frame %d: same %d", t, same(rested, off, t));
   assert_false(like_next(off, SILENT + 5) && like_next(off, SILENT + 6) && like_next(off, SILENT + 7));
   free(off);
-  off = raw("--audio speech.npy --smooth_lips");
+  off = raw("--audio speech.npy --smooth-lips");
   for (int t = SILENT + 4; t < SAID; t++) assert_true(same(rested, off, t));
   free(off);
   free(rested);

@@ -78,8 +78,8 @@ static void test_usage(void **state) {
   cli_expect(&cli, 2, "\"wav2vec\"", "expected esperanto, hubert", NULL);
   cli_run(&cli, "features clip/aud.wav %s %s --warp 1.1 -o none.npy", network, preset);
   cli_expect(&cli, 2, "--warp", NULL);
-  cli_run(&cli, "train clip %s %s --asr_model hubert -o none.safetensors", network, preset);
-  cli_expect(&cli, 2, "--asr_model", NULL);
+  cli_run(&cli, "train clip %s %s --asr-model hubert -o none.safetensors", network, preset);
+  cli_expect(&cli, 2, "--asr-model", NULL);
   cli_run(&cli, "render n.safetensors --clip clip %s --audio eo.npy -o none.mp4", network);
   cli_expect(&cli, 2, "eo.npy holds features", NULL);
 }

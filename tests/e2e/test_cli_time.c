@@ -102,7 +102,7 @@ static void test_refused(void **state) {
                {"--time 10m --iters 5", "--iters counts steps"},
                {"--time 10m --save-every 5", "--save-every counts steps"},
                {"--time 10m --paper", "--time and --paper"},
-               {"--torso --head p.head.safetensors --set refine_poses=yes", "--set refine_poses is about the head"}};
+               {"--torso --head p.head.safetensors --set refine-poses=yes", "--set refine-poses is about the head"}};
   for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
     cli_run(&cli, "train clip -o n.safetensors %s", cases[i].options);
     cli_expect(&cli, 2, cases[i].words, NULL);
@@ -121,8 +121,8 @@ static void test_paper_long(void **state) {
   cli_expect(&cli, 0, NULL);
   cli_run(&cli,
           "train clip -o same.safetensors --iters 40 --rays 64 --levels 2 --seed 3 --validate-frames 1 --quiet "
-          "--set refresh_every=16 "
-          "--set ray_sampling=uniform");
+          "--set refresh-every=16 "
+          "--set ray-sampling=uniform");
   cli_expect(&cli, 0, NULL);
   cli_same_bytes("paper.safetensors", "same.safetensors");
 }

@@ -83,7 +83,7 @@ static void test_torso_as_the_head(void **state) {
   static const double values[] = {7, 32, 2, 15, 0.005, 1, 50};
   clear("a");
   stop_in_head(
-      "-o a.safetensors --time 60s --seed 7 --data_range 2:15 --lr 0.005 --set ema=yes --set ema_every=50 --set "
+      "-o a.safetensors --time 60s --seed 7 --data-range 2:15 --lr 0.005 --set ema=yes --set ema-every=50 --set "
       "frames_per_step=3");
   cli_run(&cli, "train clip -o a.safetensors --validate-frames 1 --time 1s --resume");
   cli_expect(&cli, 0, "from 13 frames of 64", "steps of 32 rays, seed 7", "done, a.safetensors", NULL);
@@ -103,14 +103,14 @@ static void test_torso_as_the_head(void **state) {
 static void test_background_of_the_head(void **state) {
   (void)state;
   clear("h");
-  cli_run(&cli, "train clip -o h.safetensors --iters 2 --set head_random_background=yes");
-  cli_expect(&cli, 1, "clip/parsing: is missing, and --set head_random_background=yes needs it", NULL);
+  cli_run(&cli, "train clip -o h.safetensors --iters 2 --set head-random-background=yes");
+  cli_expect(&cli, 1, "clip/parsing: is missing, and --set head-random-background=yes needs it", NULL);
   assert_false(cli_there("h.run"));
   cli_run(&cli, "train clip -o h.safetensors --iters 2 --rays 32 --levels 2 --validate-frames 1 --quiet");
   cli_expect(&cli, 0, NULL);
   assert_true(said("h.run/state.safetensors", "head_random_background") == 1);
   const char *more = "train clip -o h.safetensors --rays 32 --levels 2 --validate-frames 1 --quiet";
-  cli_run(&cli, "%s --iters 2 --set head_random_background=no -y", more);
+  cli_run(&cli, "%s --iters 2 --set head-random-background=no -y", more);
   cli_expect(&cli, 0, NULL);
   cli_run(&cli, "%s --iters 3 --resume", more);
   cli_expect(&cli, 0, NULL);
@@ -121,7 +121,7 @@ static void test_background_of_the_head(void **state) {
 static void test_options_of_the_torso(void **state) {
   (void)state;
   clear("g");
-  stop_in_head("-o g.safetensors --time 60s --set torso_gamma=yes --torso_shrink 0.7 --set torso_random_background=no");
+  stop_in_head("-o g.safetensors --time 60s --set torso-gamma=yes --torso-shrink 0.7 --set torso-random-background=no");
   assert_true(said("g.head.run/state.safetensors", "torso_random_background") == 0);
   stop_in_head("-o g.safetensors --time 60s --resume");
   cli_run(&cli, "train clip -o g.safetensors --validate-frames 1 --time 1s --resume");
@@ -131,7 +131,7 @@ static void test_options_of_the_torso(void **state) {
   cli_run(&cli, "info g.safetensors --json -");
   cli_expect_out(&cli, 0, "\"torso_shrink\": 0.69999", NULL);
   clear("n");
-  cli_run(&cli, "train clip -o n.safetensors --time 1s --effects eye --torso_shrink 0.7");
+  cli_run(&cli, "train clip -o n.safetensors --time 1s --effects eye --torso-shrink 0.7");
   cli_expect(&cli, 2, "--torso-shrink is about the torso", NULL);
   assert_false(cli_there("n.run") || cli_there("n.head.run"));
   /* a refusal leaves neither folder */
@@ -162,7 +162,7 @@ static void test_bf16(void **state) {
 static void test_average(void **state) {
   (void)state;
   clear("e");
-  cli_run(&cli, "train clip -o e.safetensors " SMALL "--time 0.5s --set ema=yes --set ema_every=1000000");
+  cli_run(&cli, "train clip -o e.safetensors " SMALL "--time 0.5s --set ema=yes --set ema-every=1000000");
   cli_expect(&cli, 0, "e.head.safetensors: step ", "e.safetensors: step ", "the average has seen 0 updates", NULL);
   cli_run(&cli, "train clip -o e.safetensors --time 0.5s --resume");
   cli_expect(&cli, 0, "the average has seen 0 updates", "were done before; e.safetensors", NULL);

@@ -157,10 +157,10 @@ static void test_bad_input(void **state) {
   static float values[33 * 16 * 44];
   cli_run(&cli, "tradeoff m.safetensors '%s'", clip);
   cli_expect(&cli, 2, "-o DIR is missing", NULL);
-  cli_run(&cli, "tradeoff m.safetensors '%s' -o out2 --smooth_lips", clip);
-  cli_expect(&cli, 2, "--smooth_lips", "depend", NULL);
-  cli_run(&cli, "tradeoff m.safetensors '%s' -o out2 --set image_scale=0.1", clip);
-  cli_expect(&cli, 2, "--set image_scale", "0.25 to 1", NULL);
+  cli_run(&cli, "tradeoff m.safetensors '%s' -o out2 --smooth-lips", clip);
+  cli_expect(&cli, 2, "--smooth-lips", "depend", NULL);
+  cli_run(&cli, "tradeoff m.safetensors '%s' -o out2 --set image-scale=0.1", clip);
+  cli_expect(&cli, 2, "--set image-scale", "0.25 to 1", NULL);
   cli_run(&cli, "tradeoff m.safetensors '%s' -o out2 --sharpness 3", clip);
   cli_expect(&cli, 2, "unknown option --sharpness", NULL);
   cli_run(&cli, "tradeoff m.safetensors '%s' -o out2 --frames 0:1", clip);
@@ -200,10 +200,10 @@ static void test_image_scale(void **state) {
   assert_int_equal(mkdir("picture", 0777), 0);
   cli_run(&cli, "render m.safetensors --clip '%s' --frames 2:3 -o picture/a%%05d.png --quiet", clip);
   cli_expect(&cli, 0, NULL);
-  cli_run(&cli, "render m.safetensors --clip '%s' --frames 2:3 --set image_scale=1 -o picture/b%%05d.png --quiet",
+  cli_run(&cli, "render m.safetensors --clip '%s' --frames 2:3 --set image-scale=1 -o picture/b%%05d.png --quiet",
           clip);
   cli_expect(&cli, 0, NULL);
-  cli_run(&cli, "render m.safetensors --clip '%s' --frames 2:3 --set image_scale=0.5 -o picture/c%%05d.png --quiet",
+  cli_run(&cli, "render m.safetensors --clip '%s' --frames 2:3 --set image-scale=0.5 -o picture/c%%05d.png --quiet",
           clip);
   cli_expect(&cli, 0, NULL);
   cli_same_bytes("picture/a00002.png", "picture/b00002.png");

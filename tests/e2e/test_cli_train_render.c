@@ -11,7 +11,7 @@
 #include "io/safetensors.h"
 
 enum { SIZE = 64, FRAMES = 22, VAL = 2, STEPS = 40, PIXEL_BYTES = SIZE * SIZE * 4 };
-#define HEAD_WORDS "--iters 40 --rays 256 --levels 6 --seed 7 --lr_net 0.004 --save-every 2"
+#define HEAD_WORDS "--iters 40 --rays 256 --levels 6 --seed 7 --lr-net 0.004 --save-every 2"
 
 static struct cli cli;
 
@@ -151,7 +151,7 @@ static void test_threads_long(void **state) {
 static void test_average_long(void **state) {
   (void)state;
   support_clear("few.safetensors"), support_clear("few.run");
-  cli_run(&cli, "train clip -o few.safetensors --iters 3 --rays 64 --levels 4 --set ema=yes --set ema_every=1");
+  cli_run(&cli, "train clip -o few.safetensors --iters 3 --rays 64 --levels 4 --set ema=yes --set ema-every=1");
   cli_expect(&cli, 1, "3 updates", "expected at least 10", "10 steps in all", NULL);
   assert_false(cli_there("few.safetensors") || cli_there("few.run"));
   cli_run(&cli,
@@ -161,12 +161,12 @@ static void test_average_long(void **state) {
   cli_expect(&cli, 0, "few.safetensors: step 8: the weights as they are", NULL);
   cli_run(
       &cli,
-      "train clip -o mean.safetensors --iters 11 --rays 64 --levels 4 --validate-frames 1 --set ema_every=1 --quiet");
+      "train clip -o mean.safetensors --iters 11 --rays 64 --levels 4 --validate-frames 1 --set ema-every=1 --quiet");
   cli_expect(&cli, 0, NULL);
   size_t raw = 0, mean = 0;
   uint8_t *before = cli_bytes("mean.safetensors", &raw);
   cli_run(&cli,
-          "train clip -o mean.safetensors --iters 11 --rays 64 --levels 4 --set ema_every=1 --resume --set ema=yes");
+          "train clip -o mean.safetensors --iters 11 --rays 64 --levels 4 --set ema-every=1 --resume --set ema=yes");
   cli_expect(&cli, 0, NULL);
   uint8_t *after = cli_bytes("mean.safetensors", &mean);
   assert_int_equal(raw, mean);
@@ -179,7 +179,7 @@ static void test_torso(void **state) {
   (void)state;
   cli_run(
       &cli,
-      "train clip --torso --head head.safetensors -o torso.safetensors --iters 20 --rays 512 --set torso_gamma=yes");
+      "train clip --torso --head head.safetensors -o torso.safetensors --iters 20 --rays 512 --set torso-gamma=yes");
   cli_expect(&cli, 0, "the torso for head.safetensors", "20/20", NULL);
   same_tensors("head.safetensors", "torso.safetensors", false); /* the head stays as it is */
   cli_run(&cli, "info torso.safetensors --json");
@@ -402,13 +402,13 @@ static void test_controls_long(void **state) {
   for (size_t i = 3; i < 3 * PIXEL_BYTES; i += 4) assert_int_equal(plain[i], 255);
   expect_pixels(plain, "head.safetensors --clip clip --frames 6:9 --threads 1 --set memory=1", 3, true);
   expect_pixels(plain, "head.safetensors --clip clip --split train --frames 6:9", 3, true);
-  expect_pixels(plain, "head.safetensors --clip clip --frames 6:9 --smooth_path", 3, false);
-  expect_pixels(plain, "head.safetensors --clip clip --frames 6:9 --smooth_lips", 3, false);
-  expect_pixels(plain, "head.safetensors --clip clip --frames 6:9 --fix_eye 1", 3, false);
-  expect_pixels(plain, "head.safetensors --clip clip --frames 6:9 --bg_img white", 3, false);
-  expect_pixels(plain, "head.safetensors --clip clip --frames 6:9 --bg_img clip/bc.jpg", 3, true);
+  expect_pixels(plain, "head.safetensors --clip clip --frames 6:9 --smooth-path", 3, false);
+  expect_pixels(plain, "head.safetensors --clip clip --frames 6:9 --smooth-lips", 3, false);
+  expect_pixels(plain, "head.safetensors --clip clip --frames 6:9 --fix-eye 1", 3, false);
+  expect_pixels(plain, "head.safetensors --clip clip --frames 6:9 --bg-img white", 3, false);
+  expect_pixels(plain, "head.safetensors --clip clip --frames 6:9 --bg-img clip/bc.jpg", 3, true);
   expect_pixels(plain, "head.safetensors --clip clip --frames 6:9 --scale 3.5", 3, false);
-  expect_pixels(plain, "head.safetensors --clip clip --frames 6:9 --max_steps 8", 3, false);
+  expect_pixels(plain, "head.safetensors --clip clip --frames 6:9 --max-steps 8", 3, false);
   expect_pixels(plain, "head.safetensors --clip clip --frames 6:9 --audio clip/aud_ds.npy", 3,
                 true); /* aud_id = frame */
   free(plain);
@@ -551,8 +551,8 @@ static void test_no_blink_long(void **state) {
   cli_expect(&cli, 0, NULL);
   cli_run(&cli, "train open -o open.safetensors --iters 1 --rays 64 --levels 4");
   cli_expect(&cli, 0, "no au.csv", NULL);
-  cli_run(&cli, "render open.safetensors --clip open --fix_eye 0.5 -o eye.mp4");
-  cli_expect(&cli, 1, "open.safetensors", "--fix_eye", NULL);
+  cli_run(&cli, "render open.safetensors --clip open --fix-eye 0.5 -o eye.mp4");
+  cli_expect(&cli, 1, "open.safetensors", "--fix-eye", NULL);
   assert_false(cli_there("eye.mp4"));
   cli_run(&cli, "info open.safetensors --json");
   json_t *info = cli_json(&cli, NULL);

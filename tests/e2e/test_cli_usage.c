@@ -37,9 +37,9 @@ static void test_help(void **state) {
   assert_string_equal(cli.out, expected);
   free(expected);
   cli_run(&cli, "render --set help");
-  cli_expect_out(&cli, 0, "(default 7; 1 to 9999)", "0: none)", "smooth_eye=yes|no", NULL);
+  cli_expect_out(&cli, 0, "(default 7; 1 to 9999)", "0: none)", "smooth-eye=yes|no", NULL);
   cli_run(&cli, "train --set help");
-  cli_expect_out(&cli, 0, "  memory=BYTES ", "  refine_poses ", "yes or no (default no)", NULL);
+  cli_expect_out(&cli, 0, "  memory=BYTES ", "  refine-poses ", "yes or no (default no)", NULL);
   cli_run(&cli, "help");
   cli_expect_out(&cli, 0, "train", "convert", "130", "143", NULL);
   cli_run(&cli, "help rendr");
@@ -67,14 +67,14 @@ static const char *const refused[][3] = {
     {"train clip -o x.pth", "x.pth", ".safetensors"},
     {"train clip -o x.safetensors --iter 5", "unknown option --iter", "nearest is --iters"},
     {"train clip -o x.safetensors --torso", "--torso needs", "--head"},
-    {"train clip -o x.safetensors --refine-poses", "--refine-poses is --set refine_poses=VALUE", ""},
+    {"train clip -o x.safetensors --refine-poses", "--refine-poses is --set refine-poses=VALUE", ""},
     {"render m.safetensors --clip c --set front=a.json --set front=b.json", "--set front is given twice", "b.json"},
     {"train clip -o x.safetensors --head h.safetensors", "--head", "needs --torso"},
     {"train clip -o x.safetensors --torso --head h.safetensors --levels 12", "--levels", "--torso"},
     {"train clip -o x.safetensors --resume --from y.safetensors", "--from", "--resume"},
     {"convert a.pth", "OUT", "missing"},
     {"train clip -o x.safetensors --device 1", "--device", "--backend opencl"},
-    {"train clip -o x.safetensors --audio a.npy --asr_model hubert", "--asr_model", "--audio"},
+    {"train clip -o x.safetensors --audio a.npy --asr-model hubert", "--asr-model", "--audio"},
     {"render m.safetensors -o x.mp4", "--clip", "neither"},
     {"render m.safetensors --clip c --poses p.json -o x.mp4", "--poses", "both"},
     {"render --clip c -o x.mp4", "MODEL", "missing"},
@@ -85,28 +85,28 @@ static const char *const refused[][3] = {
     {"render m.safetensors --poses p.json -o x.mp4", "--poses", "--audio"},
     {"render m.safetensors --poses p.json --audio a.npy --split val -o x.mp4", "--split", "--clip"},
     {"render m.safetensors --clip c --wav w.wav -o x%d.png", "--wav", "has none"},
-    {"render m.safetensors --clip c --smooth_path_window 5 -o x.mp4", "--smooth_path_window", "--smooth_path"},
-    {"render m.safetensors --clip c --smooth_path --smooth_path_window 4 -o x.mp4", "4", "odd"},
-    {"render m.safetensors --clip c --fix_eye 0.5 --smooth_eye -o x.mp4", "--smooth_eye", "--fix_eye"},
-    {"render m.safetensors --clip c --fix_eye 0.5 --eye e.csv -o x.mp4", "--eye", "--fix_eye"},
-    {"render m.safetensors --clip c --eye e.csv --smooth_eye -o x.mp4", "--smooth_eye", "--eye"},
-    {"render m.safetensors --clip c --set hold_pose=3 --smooth_path -o x.mp4", "--smooth_path", "--set hold_pose"},
+    {"render m.safetensors --clip c --smooth-path-window 5 -o x.mp4", "--smooth-path-window", "--smooth-path"},
+    {"render m.safetensors --clip c --smooth-path --smooth-path-window 4 -o x.mp4", "4", "odd"},
+    {"render m.safetensors --clip c --fix-eye 0.5 --smooth-eye -o x.mp4", "--smooth-eye", "--fix-eye"},
+    {"render m.safetensors --clip c --fix-eye 0.5 --eye e.csv -o x.mp4", "--eye", "--fix-eye"},
+    {"render m.safetensors --clip c --eye e.csv --smooth-eye -o x.mp4", "--smooth-eye", "--eye"},
+    {"render m.safetensors --clip c --set hold-pose=3 --smooth-path -o x.mp4", "--smooth-path", "--set hold-pose"},
     {"render m.safetensors --clip c -o - --json", "--json", "standard output"},
     {"render m.safetensors --clip c --json x.txt -o x.mp4", "\"x.txt\"", "expected 1 at most"},
     {"eval m.safetensors", "CLIP", "missing"},
-    {"eval m.safetensors clip --fix_eye 0.5", "--fix_eye is an option of", "`ernerf render`"},
-    {"eval m.safetensors clip --set hold_pose=5", "--set hold_pose: there is no such setting",
+    {"eval m.safetensors clip --fix-eye 0.5", "--fix-eye is an option of", "`ernerf render`"},
+    {"eval m.safetensors clip --set hold-pose=5", "--set hold-pose: there is no such setting",
      "`ernerf eval --help`"}, /* nothing is near */
     {"check clip --threads 2", "unknown option --threads\n", "`ernerf check"},
     {"check clip --json=there.txt", "there.txt", ".json"},
     {"synth", "DIR", "missing"},
     {"tradeoff m.safetensors", "CLIP is missing", "--help"},
     {"tradeoff m.safetensors clip", "-o DIR", "missing"},
-    {"tradeoff m.safetensors clip -o x --set image_scale=2", "--set image_scale", "0.25 to 1"},
+    {"tradeoff m.safetensors clip -o x --set image-scale=2", "--set image-scale", "0.25 to 1"},
     {"compare a.safetensors b.safetensors -o x", "CLIP is missing", "--help"},
     {"compare a.safetensors b.safetensors clip", "-o DIR", "missing"},
-    {"compare a.safetensors b.safetensors clip -o x --smooth_lips", "--smooth_lips", "drawn again"},
-    {"compare a.safetensors b.safetensors clip -o x --audio a.npy --asr_model hubert", "--asr_model", "--audio"},
+    {"compare a.safetensors b.safetensors clip -o x --smooth-lips", "--smooth-lips", "drawn again"},
+    {"compare a.safetensors b.safetensors clip -o x --audio a.npy --asr-model hubert", "--asr-model", "--audio"},
     {"compare a.mp4 b.MKV clip -o x --threads 2", "--threads", "both videos"},
     {"compare a.mp4 b.mov clip -o x --audio a.npy", "--audio", "both videos"},
     {"bench m.safetensors", "CLIP is missing", "--help"},
@@ -193,8 +193,8 @@ static void test_public_names(void **state) {
       ("train nowhere -o x.safetensors --iters 10 --lr 0.01 --lr_net 0.001 --num_rays 64 --seed 3 --asr_model "
        "deepspeech --data_range 0 -1 --max_steps 16 --ind_num 100 --dt_gamma 0.004 --bound 1 --scale 4"),
       ("train nowhere -o x.safetensors --iters=10 --lr=0.01 --lr-net=0.001 --num-rays=64 --seed=3 --aud a.npy "
-       "--data-range=2:5 --max-steps=16 --ind-num=100 --dt-gamma=0.004 --set audio_pad=zero --save_every=5"),
-      "train nowhere --set memory=1G --output=x.safetensors --data_range 3 7 --validate-every 10 --set ema_every=2 "
+       "--data-range=2:5 --max-steps=16 --ind-num=100 --dt-gamma=0.004 --set audio-pad=zero --save-every=5"),
+      "train nowhere --set memory=1G --output=x.safetensors --data-range 3 7 --validate-every 10 --set ema-every=2 "
       "--set "
       "ema=yes",
   };
@@ -227,7 +227,7 @@ static void test_public_options(void **state) {
                                            {"--ckpt latest", "--resume"},
                                            {"--fp16", "--isa"},
                                            {"--cuda_ray", "empty space"},
-                                           {"--num_steps 16", "--max_steps"},
+                                           {"--num_steps 16", "--max-steps"},
                                            {"--max_ray_batch 4096", "memory"},
                                            {"--lambda_amb=0.1", "docs/maths.md"},
                                            {"--exp_eye", "au.csv"},
@@ -239,8 +239,8 @@ static void test_public_options(void **state) {
                                            {"-W 450", "--size WxH"},
                                            {"--W 450", "--size WxH"},
                                            {"--emb", "vectors"},
-                                           {"--part", "--data_range A:B"},
-                                           {"--part2", "--data_range 0:375"},
+                                           {"--part", "--data-range A:B"},
+                                           {"--part2", "--data-range 0:375"},
                                            {"--asr", "ernerf live"},
                                            {"--asr_play", "ernerf live"},
                                            {"-l 10", "ernerf live"},
@@ -254,10 +254,10 @@ static void test_public_options(void **state) {
       assert_null(strstr(cli.err, "nearest"));
     }
   static const char *const others[][2] = {{"render m.safetensors --iters 5", "option of `ernerf train`"},
-                                          {"eval m.safetensors clip --ind_num 5", "option of `ernerf train`"},
+                                          {"eval m.safetensors clip --ind-num 5", "option of `ernerf train`"},
                                           {"render m.safetensors --seed 1", "drawing takes no random numbers"},
                                           {"eval m.safetensors clip --seed 1", "drawing takes no random numbers"},
-                                          {"train clip --smooth_eye", "option of `ernerf render`"},
+                                          {"train clip --smooth-eye", "option of `ernerf render`"},
                                           {"train clip --fps 50", "option of `ernerf render`"},
                                           {"check clip --test", "unknown option --test"}};
   for (size_t i = 0; i < sizeof others / sizeof *others; i++) {

@@ -4,7 +4,7 @@
 
 static struct cli cli;
 
-#define UNUSUAL "--scale 3 --max_steps 24 --dt_gamma 0.01 "
+#define UNUSUAL "--scale 3 --max-steps 24 --dt-gamma 0.01 "
 
 static int train_head(void **state) {
   (void)state;
@@ -14,8 +14,8 @@ static int train_head(void **state) {
   cli_run(&cli, "synth clip --size 64 --frames 12 --seed 3 --quiet");
   cli_expect(&cli, 0, NULL);
   cli_run(&cli, "train clip -o m.safetensors " UNUSUAL
-                "--set audio_pad=zero --iters 40 --rays 256 --levels 6 --seed 7 --lr 0.02 --lr_net 0.004 --set "
-                "refresh_every=8 --data_range 1:10 "
+                "--set audio-pad=zero --iters 40 --rays 256 --levels 6 --seed 7 --lr 0.02 --lr-net 0.004 --set "
+                "refresh_every=8 --data-range 1:10 "
                 "--save-every 20 --effects eye,codes,view --quiet");
   cli_expect(&cli, 0, NULL);
   return 0;
@@ -41,8 +41,8 @@ static void test_seen_as_trained(void **state) {
       &cli, 0,
       "m.safetensors was trained with --scale 3 --set audio-pad=zero; it is drawn with --scale 4 --set audio-pad=edge",
       NULL);
-  assert_true(plain == eval_psnr("m.safetensors clip --dt_gamma 0.5"));
-  cli_expect(&cli, 0, "--dt_gamma 0.5 changes nothing with 24 samples a ray", "--max_steps above 128", NULL);
+  assert_true(plain == eval_psnr("m.safetensors clip --dt-gamma 0.5"));
+  cli_expect(&cli, 0, "--dt-gamma 0.5 changes nothing with 24 samples a ray", "--max-steps above 128", NULL);
   assert_null(strstr(cli.err, "was trained with"));
   cli_run(&cli, "convert m.safetensors m.pth");
   cli_expect(&cli, 0, "give the public program --scale 3 --dt_gamma 0.01 --max_steps 24", NULL);
@@ -61,7 +61,7 @@ static void test_resumed_as_begun_long(void **state) {
   free(bytes);
   cli_run(&cli, "train clip -o r.safetensors --resume --scale 4");
   cli_expect(&cli, 1, "r.run/state.safetensors: scale is 3, this training has 4", NULL);
-  cli_run(&cli, "train clip -o r.safetensors --resume --data_range 0:10");
+  cli_run(&cli, "train clip -o r.safetensors --resume --data-range 0:10");
   cli_expect(&cli, 1, "r.run/state.safetensors: data_begin is 1, this training has 0", NULL);
   cli_run(&cli, "train clip -o r.safetensors --resume");
   cli_expect(&cli, 0, NULL);
@@ -76,7 +76,7 @@ static void test_torso_as_its_head(void **state) {
   cli_run(&cli, "train clip --torso --head m.safetensors -o t.safetensors --iters 2 --rays 64 --scale 4");
   cli_expect(&cli, 1, "the head", "scale is 3, this training has 4", NULL);
   cli_run(&cli,
-          "train clip --torso --head m.safetensors -o t.safetensors --iters 2 --rays 64 --torso_shrink 0.5 --quiet");
+          "train clip --torso --head m.safetensors -o t.safetensors --iters 2 --rays 64 --torso-shrink 0.5 --quiet");
   cli_expect(&cli, 0, NULL);
   cli_run(&cli, "info t.safetensors");
   cli_expect_out(&cli, 0, "scale 3, dt_gamma 0.01, 24 samples a ray, torso_shrink 0.5, audio-pad zero\n", NULL);

@@ -7,8 +7,8 @@ ernerf=$1 source=$2 folder=$3 kills=${KILLS:-100}
 . "$source/tests/mpi/common.sh"
 ln -s "$source/data/tiny" clip
 RANDOM=26
-options="--iters 400 --rays 256 --levels 6 --save-every 5 --validate-every 0 --validate-frames 1 --quiet --set refine_poses=yes --set frames_per_step=2"
-on 0 -o whole.safetensors $options --set step_parts=4
+options="--iters 400 --rays 256 --levels 6 --save-every 5 --validate-every 0 --validate-frames 1 --quiet --set refine-poses=yes --set frames-per-step=2"
+on 0 -o whole.safetensors $options --set step-parts=4
 stamp() { stat -c %Y.%i killed.run/state.safetensors 2> /dev/null || true; }
 step() { "$ernerf" info killed.run/state.safetensors | sed -n 's/.*head \([0-9]*\), torso.*/\1/p'; }
 has_saved() { [ "$(stamp)" != "$before" ] || ! kill -0 $training 2> /dev/null; }
@@ -42,6 +42,6 @@ kill -STOP "$stopped"
 sleep 30
 kill -CONT "$stopped"
 wait $! || fail "a process that was stopped for 30 s ended the training: $(cat log.txt)"
-on 0 -o "$folder/unstopped.safetensors" $options --set step_parts=4
+on 0 -o "$folder/unstopped.safetensors" $options --set step-parts=4
 same stopped.safetensors unstopped.safetensors
 echo "30 s without an answer: it went on"

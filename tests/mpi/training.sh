@@ -8,7 +8,7 @@ ernerf=$1 source=$2 folder=$3
 ln -s "$source/data/tiny" clip
 
 # a head with all that a step can have: frames, poses, the fine stage, refreshes, an average
-head="--iters 10 --rays 1024 --levels 4 --set refine_poses=yes --set frames_per_step=2 --set fine_steps=2 --patch-size 16 --set step_parts=4 --set ema=yes --set ema_every=1 --validate-frames 1 --set refresh_every=4"
+head="--iters 10 --rays 1024 --levels 4 --set refine-poses=yes --set frames-per-step=2 --set fine-steps=2 --patch-size 16 --set step-parts=4 --set ema=yes --set ema-every=1 --validate-frames 1 --set refresh-every=4"
 LD_DEBUG=files on 0 -o head0.safetensors $head
 grep -q libmpi log.txt && fail "a training without mpirun loads MPI"
 on 2 -o head2.safetensors $head
@@ -20,22 +20,22 @@ if [ -n "${ERNERF_TEST_LONG-}" ]; then
   same head0.safetensors head4.safetensors
 
   torso="--torso --head head0.safetensors --iters 3 --rays 256 --validate-frames 1"
-  on 0 -o torso0.safetensors $torso --set step_parts=4
+  on 0 -o torso0.safetensors $torso --set step-parts=4
   for count in 2 4; do on $count -o torso$count.safetensors $torso; done
   same torso0.safetensors torso2.safetensors
   same torso0.safetensors torso4.safetensors
 
   # 4 processes, then 2: as if it had been one alone all the time, with the same --iters each time
-  some="--rays 256 --levels 4 --set refine_poses=yes --validate-frames 1"
+  some="--rays 256 --levels 4 --set refine-poses=yes --validate-frames 1"
   on 4 -o some.safetensors --iters 2 $some
   on 2 -o some.safetensors --iters 4 --resume
-  on 0 -o alone.safetensors --iters 2 $some --set step_parts=4
+  on 0 -o alone.safetensors --iters 2 $some --set step-parts=4
   on 0 -o alone.safetensors --iters 4 --resume
   same some.safetensors alone.safetensors
 
   # factors of bf16, where the processor has them
   bf16="--iters 3 --rays 256 --levels 4 --validate-frames 1 --precision bf16"
-  if on 0 -o bf16_0.safetensors $bf16 --set step_parts=4 > /dev/null; then
+  if on 0 -o bf16_0.safetensors $bf16 --set step-parts=4 > /dev/null; then
     on 2 -o bf16_2.safetensors $bf16
     same bf16_0.safetensors bf16_2.safetensors
   else
@@ -58,7 +58,7 @@ fi
 if [ -n "${ERNERF_TEST_LONG-}" ]; then
   # a process that is killed: words, and what was saved is whole and goes on as if nothing had happened
   long="--iters 24 --rays 128 --levels 4 --save-every 2 --validate-every 0 --validate-frames 1 --quiet"
-  on 0 -o whole.safetensors $long --set step_parts=4
+  on 0 -o whole.safetensors $long --set step-parts=4
   for victim in 1; do # of either rank: kills_long.sh
     name=$folder/killed$victim
     on 2 -o $name.safetensors $long > /dev/null &
@@ -81,7 +81,7 @@ refused() { # WORDS PROCESSES OPTION...
   rm -rf refused.run
 }
 refused "3 processes share the 4 parts" 3 --rays 256
-refused "divides the 1 patches of a step of the fine stage" 0 --set step_parts=4 --rays 256 --patch-size 16 --set fine_steps=1
+refused "divides the 1 patches of a step of the fine stage" 0 --set step-parts=4 --rays 256 --patch-size 16 --set fine-steps=1
 
 # nobody else loads MPI
 LD_DEBUG=files PMI_RANK=0 PMI_SIZE=1 "$ernerf" train clip -o one.safetensors --iters 1 --rays 64 --levels 2 --validate-frames 1 --quiet 2>&1 | grep "libmpi" > /dev/null && fail "a training that a launcher starts as the only process loads MPI"

@@ -111,14 +111,14 @@ static void test_set(void **state) {
   (void)state;
   accept("--set rare-flag=yes --set=rare_number=3 --flag");
   assert_true(got.rare && got.rare_number == 3 && got.flag);
-  accept("--rare-number 4 --set rare_off=yes --set rare_flag=no");
+  accept("--rare-number 4 --set rare-off=yes --set rare-flag=no");
   assert_true(got.rare_number == 4 && !got.rare_off && !got.rare);
   accept("--set rare-off=no");
   assert_true(got.rare_off);
   refuse("--rare-flag", "--rare-flag is --set rare-flag=VALUE", "");
   refuse("--set rare-flag=1", "--set rare-flag is \"1\"", "yes or no");
-  refuse("--set rare_number=10", "--rare_number is \"10\"", "from 1 to 9");
-  refuse("--set rare_numbr=1", "there is no such setting, the nearest is rare_number", "--set help");
+  refuse("--set rare-number=10", "--rare_number is \"10\"", "from 1 to 9");
+  refuse("--set rare-numbr=1", "there is no such setting, the nearest is rare_number", "--set help");
   refuse("--set flag=yes", "--set flag: there is no such setting", "--set help");
   refuse("--set rare-flag", "expected NAME=VALUE", "--set help");
   refuse("--set =yes", "expected NAME=VALUE", "");
@@ -127,7 +127,7 @@ static void test_set(void **state) {
 
 static void test_names(void **state) {
   (void)state;
-  accept("--flag --no_off --audio_pad zero --data-range 1:2 --lr-net 1.5");
+  accept("--flag --no_off --audio-pad zero --data-range 1:2 --lr-net 1.5");
   assert_true(got.flag && !got.off && got.choice == 1 && got.real == 1.5f);
   assert_string_equal(got.first, "a");
   assert_string_equal(got.second, "b");
@@ -152,7 +152,7 @@ static void test_names(void **state) {
   assert_int_equal(args_parse(&args, 3, argv), -1); /* all are words after "--" */
   assert_string_equal(got.second, "--flag");
   assert_false(args_given(&args, "flag"));
-  char *given[] = {"a", "--lr_net", "1", "b"};
+  char *given[] = {"a", "--lr-net", "1", "b"};
   args = fresh();
   assert_int_equal(args_parse(&args, 4, given), -1);
   assert_true(args_given(&args, "real") && args_given(&args, "lr-net"));
@@ -202,13 +202,13 @@ static void test_numbers(void **state) {
 
 static void test_kinds(void **state) {
   (void)state;
-  accept("--memory 512M --frames 3:9 --data_range 0 -1 --size 640x480");
+  accept("--memory 512M --frames 3:9 --data-range 0 -1 --size 640x480");
   assert_true(got.bytes == 512u << 20 && got.range.begin == 3 && got.range.end == 9 && !got.range.open_end);
   assert_true(got.pair.begin == 0 && got.pair.open_end && got.size.width == 640 && got.size.height == 480);
-  accept("--memory 2k --frames :4 --data_range 5 8");
+  accept("--memory 2k --frames :4 --data-range 5 8");
   assert_true(got.bytes == 2048 && got.range.begin == 0 && got.range.end == 4);
   assert_true(got.pair.begin == 5 && got.pair.end == 8 && !got.pair.open_end);
-  accept("--memory 7 --frames 4: --data_range 5:8 --flag");
+  accept("--memory 7 --frames 4: --data-range 5:8 --flag");
   assert_true(got.bytes == 7 && got.range.begin == 4 && got.range.open_end && got.pair.end == 8 && got.flag);
   refuse("--memory 0", "\"0\"", "bytes");
   refuse("--memory 5MB", "\"5MB\"", "bytes");
@@ -218,7 +218,7 @@ static void test_kinds(void **state) {
   refuse("--frames 5", "\"5\"", "A:B");
   refuse("--frames 5:-1", "\"5:-1\"", "A:B");
   refuse("--frames 1:2:3", "\"1:2:3\"", "A:B");
-  refuse("--data_range 5 2", "\"5:2\"", "A < B");
+  refuse("--data-range 5 2", "\"5:2\"", "A < B");
   refuse("--size 64", "\"64\"", "WxH");
   refuse("--size 64x", "\"64x\"", "WxH");
   refuse("--size 0x64", "\"0x64\"", "from 1 to 8192");

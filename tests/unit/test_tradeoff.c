@@ -41,7 +41,7 @@ static void test_words(void **state) {
   settings_name(&s, &base, "default", &text);
   expect_text(&text, "scale 0.5, 8 samples, threshold 1, avx512bf16");
   settings_options(&s, &base, &text);
-  expect_text(&text, " --max_steps 8 --set occupancy_threshold=1 --set image_scale=0.5 --isa avx512bf16");
+  expect_text(&text, " --max-steps 8 --set occupancy-threshold=1 --set image-scale=0.5 --isa avx512bf16");
   const struct choice device = {AXIS_UNIT, 3, "opencl", ""};
   s = settings_with(base, &device);
   assert_int_equal(settings_changes(&s, &base), 1);
@@ -50,7 +50,7 @@ static void test_words(void **state) {
   settings_options(&s, NULL, &text);
   expect_text(
       &text,
-      " --max_steps 16 --set transmittance_stop=0.003 --set occupancy_threshold=0 --set image_scale=1 --backend opencl "
+      " --max-steps 16 --set transmittance-stop=0.003 --set occupancy-threshold=0 --set image-scale=1 --backend opencl "
       "--device 3");
 }
 

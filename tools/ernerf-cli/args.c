@@ -101,7 +101,8 @@ int args_forbid_setting(const struct args *args, const struct setting_choice *ch
       if (option->given && option->kind == OPTION_SETTING && strcmp(option->setting, name) == 0)
         return args_refuse(args, "--%s %s", option->name, why);
     }
-  return args_refuse(args, "--set %s %s", name, why);
+  char shown[SETTING_NAME_BYTES];
+  return args_refuse(args, "--set %s %s", setting_option_name(name, shown), why);
 }
 
 int args_forbid_settings(const struct args *args, const struct setting_choice *choice, ern_setting_scope scope,
@@ -177,7 +178,7 @@ static int refuse_unknown(const struct args *args, const char *word, size_t leng
   size_t index;
   const ern_setting *setting = args->settings != NULL ? setting_find(args->settings, name, &index) : NULL;
   if (setting != NULL && setting_is_offered(args->settings, setting))
-    return args_refuse(args, "%.*s is --set %s=VALUE", bytes, word, setting->name);
+    return args_refuse(args, "%.*s is --set %s=VALUE", bytes, word, setting_option_name(setting->name, name));
   nearest_option(args, name, nearest);
   return args_refuse(args, "unknown option %.*s%s%s", bytes, word, nearest[0] != 0 ? ", the nearest is " : "", nearest);
 }
@@ -434,6 +435,7 @@ static int take_option(const struct args *args, struct option *option, const cha
 
 static int refuse_set(const struct args *args, const char *name) {
   enum { NAMES = 128 };
+  char copies[NAMES][SETTING_NAME_BYTES];
   const char *names[NAMES];
   const ern_setting *setting;
   size_t count = 0;
@@ -441,7 +443,8 @@ static int refuse_set(const struct args *args, const char *name) {
     for (size_t i = 0; i < args->groups[g].count; i++)
       if (args->groups[g].options[i].seldom && count < NAMES) names[count++] = args->groups[g].options[i].name;
   for (size_t i = 0; args->settings != NULL && (setting = args->settings->row(i)) != NULL && count < NAMES; i++)
-    if (setting_is_offered(args->settings, setting)) names[count++] = setting->name;
+    if (setting_is_offered(args->settings, setting))
+      names[count] = setting_option_name(setting->name, copies[count]), count++;
   const char *nearest = args_nearest(name, names, count);
   return args_refuse(args, "--set %s: there is no such setting%s%s; --set help lists them", name,
                      nearest != NULL ? ", the nearest is " : "", nearest != NULL ? nearest : "");
@@ -477,7 +480,7 @@ static int take_set(const struct args *args, const char *text) {
   }
   const ern_setting *setting = choice != NULL ? setting_find(choice, name, &index) : NULL;
   if (setting == NULL || !setting_is_offered(choice, setting)) return refuse_set(args, name);
-  snprintf(shown, sizeof shown, "--set %s", setting->name);
+  snprintf(shown, sizeof shown, "--set %s", setting_option_name(setting->name, name));
   return take_setting_value(args, choice, index, shown, text + length + 1);
 }
 

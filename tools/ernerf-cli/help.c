@@ -51,7 +51,7 @@ static void print_option(const struct option *option) {
 }
 
 void help_settings(const struct args *args) {
-  char text[HELP_BYTES], expected[TEXT_BYTES], preset[ERN_SETTING_TEXT_BYTES];
+  char text[HELP_BYTES], expected[TEXT_BYTES], preset[ERN_SETTING_TEXT_BYTES], name[SETTING_NAME_BYTES];
   const struct setting_choice *choice = args->settings;
   const ern_setting *s;
   for (int g = 0; g < ARGS_GROUPS; g++)
@@ -67,7 +67,7 @@ void help_settings(const struct args *args) {
     ern_setting_expected(s, expected, sizeof expected);
     ern_setting_write(s, choice->config, preset);
     snprintf(text, sizeof text, "%s; %s (default %s)", s->help, expected, preset);
-    print_wrapped(printf("  %s", s->name), text);
+    print_wrapped(printf("  %s", setting_option_name(s->name, name)), text);
   }
 }
 

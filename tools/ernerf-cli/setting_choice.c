@@ -4,6 +4,13 @@
 #include <assert.h>
 #include <string.h>
 
+const char *setting_option_name(const char *member, char text[SETTING_NAME_BYTES]) {
+  size_t at = 0;
+  for (; member[at] != 0 && at + 1 < SETTING_NAME_BYTES; at++) text[at] = member[at] == '_' ? '-' : member[at];
+  text[at] = 0;
+  return text;
+}
+
 const ern_setting *setting_find(const struct setting_choice *choice, const char *name, size_t *index) {
   const ern_setting *s;
   for (*index = 0; (s = choice->row(*index)) != NULL; (*index)++) {

@@ -13,6 +13,10 @@ struct setting_choice {
   uint64_t given;        /* bit i: row(i) was on the command line */
 };
 
+/* The member's name with hyphens, as the command line has it. */
+enum { SETTING_NAME_BYTES = 64 };
+const char *setting_option_name(const char *member, char text[SETTING_NAME_BYTES]);
+
 /* The row of that name, written with dashes or underscores, and its number; NULL: none. */
 const ern_setting *setting_find(const struct setting_choice *choice, const char *name, size_t *index);
 

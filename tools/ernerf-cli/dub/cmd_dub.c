@@ -87,7 +87,7 @@ static int check_usage(struct dub_job *job, const struct args *args) {
   if (args_given(args, "frames"))
     status = args_forbid(args, "rest from to", "is not with --frames, which chooses frames of the new words");
   if (status < 0) status = args_forbid(args, "split", "chooses frames of the clip, and a dubbed video has them all");
-  if (status < 0) status = args_forbid(args, "torso torso_shrink", "is about the torso, which stays as recorded");
+  if (status < 0) status = args_forbid(args, "torso torso-shrink", "is about the torso, which stays as recorded");
   if (status < 0) status = sink_choose(&job->sink, args, job->out);
   if (status < 0 && !args_given(args, "codec") && !args_given(args, "crf") && !args_given(args, "preset"))
     sink_code_fast(&job->sink);
@@ -425,7 +425,7 @@ int cmd_dub(int argc, char **argv) {
   silence_pose_options(&job.silence_pose, silence);
   session_compute_options(&job.session, common);
   session_output_options(&job.session, common + SESSION_COMPUTE_OPTIONS);
-  args_unlist(&args, "split torso torso_shrink format");
+  args_unlist(&args, "split torso torso-shrink format");
   int status = args_parse(&args, argc, argv);
   if (status < 0) status = check_usage(&job, &args);
   if (status < 0) status = speech_model_check(&job.portrait.source.speech_model, &args, job.audio);

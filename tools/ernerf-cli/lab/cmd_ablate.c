@@ -44,7 +44,7 @@ static void own_options(struct ablate_job *job, struct option options[OWN_OPTION
        .help = "the tables and all models; made where it is missing"},
       {ARGS_COUNT("iters", &job->iters, 1, 1e12), .help = "training steps of each model"},
       {ARGS_INT("rays", &job->rays, 1, 1048576), .alias = "num_rays", .help = "rays a step"},
-      {ARGS_FLOAT("lr_net", &job->lr_net, 1e-9, 10),
+      {ARGS_FLOAT("lr-net", &job->lr_net, 1e-9, 10),
        .help = "learning rate of the networks, as in train; with few steps a higher one is needed for lips that follow "
                "the speech"},
       {ARGS_INT("seeds", &job->seeds, 1, ABLATION_SEEDS),
@@ -190,7 +190,7 @@ static int check_state(struct ablate_job *job, const char *path, uint64_t seed) 
   if (status != ERN_OK) return session_fail(&job->session);
   if (state.rays == job->rays && state.seed == seed && (!state.has_settings || state.lr_net == job->lr_net)) return 0;
   return session_fail_with(&job->session,
-                           "%s: was trained with %d rays, --lr_net %g and seed %" PRIu64
+                           "%s: was trained with %d rays, --lr-net %g and seed %" PRIu64
                            ", expected %d, %g and %" PRIu64 ", as all rows",
                            path, state.rays, (double)state.lr_net, state.seed, job->rays, (double)job->lr_net, seed);
 }

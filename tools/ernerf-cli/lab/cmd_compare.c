@@ -112,14 +112,14 @@ static void close_all(struct compare *c, bool done) {
 
 static int check_words(const struct compare *c, const struct args *args) {
   static const char of_models[] =
-      "audio audio-pad max_steps dt_gamma transmittance_stop occupancy_threshold torso torso_shrink scale image_scale "
+      "audio audio-pad max-steps dt-gamma transmittance-stop occupancy-threshold torso torso-shrink scale image-scale "
       "force asr_model speech-model speech-preset backend device deterministic isa threads";
   if (c->folder == NULL) return args_refuse(args, "-o DIR is missing");
   int status = speech_model_check(&c->asked.source.speech_model, args, c->asked.source.features);
   if (status < 0 && c->asked.source.features != NULL)
-    status = args_forbid(args, "asr_model", "chooses the clip's speech, not --audio");
+    status = args_forbid(args, "asr-model", "chooses the clip's speech, not --audio");
   if (status < 0)
-    status = args_forbid(args, "smooth_lips", "needs frames one after the other, and three are drawn again");
+    status = args_forbid(args, "smooth-lips", "needs frames one after the other, and three are drawn again");
   if (status < 0 && compare_side_is_video(c->path[0]) && compare_side_is_video(c->path[1]))
     status = args_forbid(args, of_models, "is about a model, and A and B are both videos");
   return status < 0 ? lpips_weights_check(&c->perceptual.weights, args) : status;
@@ -175,7 +175,7 @@ int cmd_compare(int argc, char **argv) {
   memory->help = "maximum memory for decoded frames of the clip, such as 512M (default: none is kept)";
   session_compute_options(&c.session, common);
   session_output_options(&c.session, common + SESSION_COMPUTE_OPTIONS);
-  args_unlist(&args, "smooth_lips");
+  args_unlist(&args, "smooth-lips");
   int status = args_parse(&args, argc, argv);
   if (status < 0) status = check_words(&c, &args);
   set_inputs(&c);

@@ -121,7 +121,7 @@ static void close_all(struct tradeoff *t) {
 
 static int check_words(const struct tradeoff *t, const struct args *args) {
   if (t->folder == NULL) return args_refuse(args, "-o DIR is missing");
-  return args_forbid(args, "smooth_lips",
+  return args_forbid(args, "smooth-lips",
                      "makes a frame depend on earlier frames, so that settings could not be compared");
 }
 

@@ -372,8 +372,8 @@ int tradeoff_measure_open(struct tradeoff *t, const struct args *args) {
                                                                   : t->cores};
   snprintf(t->base.backend, sizeof t->base.backend, "%s", info->name);
   snprintf(t->base.isa, sizeof t->base.isa, "%s", device ? "" : info->isa);
-  const bool asked = args_given(args, "max_steps") || args_given(args, "transmittance_stop") ||
-                     args_given(args, "occupancy_threshold") || args_given(args, "image_scale") ||
+  const bool asked = args_given(args, "max-steps") || args_given(args, "transmittance-stop") ||
+                     args_given(args, "occupancy-threshold") || args_given(args, "image-scale") ||
                      args_given(args, "isa") || args_given(args, "threads") || device;
   t->base_name = asked ? "as asked" : "default";
   const int status = find_units(t);

@@ -160,7 +160,7 @@ static void add_method(const struct tradeoff *t, struct bytes *page) {
   bytes_print(
       page,
       "</p>\n<p><b>scale</b>: the head drawn at so many times the size and enlarged (<code>image_scale</code>). "
-      "<b>samples</b>: of a ray at most (<code>--max_steps</code>). <b>stop</b>: light left at which a ray ends "
+      "<b>samples</b>: of a ray at most (<code>--max-steps</code>). <b>stop</b>: light left at which a ray ends "
       "(<code>transmittance_stop</code>). <b>threshold</b>: density under which cells are left out "
       "(<code>occupancy_threshold</code>). Names of instruction sets: <code>--isa</code>; avx512bf16 "
       "multiplies pairs of bf16, the others are fp32. What a name does not mention is as in &ldquo;");

@@ -59,7 +59,7 @@ static void out_options(struct live_job *job, struct option options[OUT_OPTIONS]
        .help = "how the clip's frame goes into a --size of another aspect: contain shows all of it and continues its "
                "edges, cover fills the picture and cuts the frame (default contain)"},
       {ARGS_RATE("fps", &job->rate), .help = "frames a second, 1 to 100 (default 25)"},
-      {ARGS_TEXT("bg_img", &job->background_file), .choices = "FILE|white|black",
+      {ARGS_TEXT("bg-img", &job->background_file), .choices = "FILE|white|black",
        .help = "background (default the clip's)"},
       {ARGS_INT("crf", &job->output.crf, 0, 51), .help = "H.264 quality, the lower the better"},
       {ARGS_CHOICE("slow-reader", &job->slow_reader, "wait|drop"),
@@ -85,7 +85,7 @@ static int check_unlisted(const struct args *args) {
   int status = args_forbid(args, "split frames", "is about a video; a live person has all poses");
   if (status < 0) status = args_forbid(args, "eye", "is a curve for a video of known length; --control sets eyes");
   if (status < 0)
-    status = args_forbid(args, "smooth_lips", "makes a frame depend on earlier frames, which may have other settings");
+    status = args_forbid(args, "smooth-lips", "makes a frame depend on earlier frames, which may have other settings");
   if (status < 0)
     status = args_forbid(args, "speech-model speech-preset", "needs the whole sound before the first frame");
   return status;
@@ -95,11 +95,11 @@ static int check_unlisted(const struct args *args) {
 static int check_video(struct live_job *job, const struct args *args) {
   if (job->video.path == NULL) return -1;
   job->portrait.dubs = job->portrait.render.no_torso = job->rate_control.no_stored_front = true;
-  int status = args_forbid(args, "bg_img fit", "places what is not drawn with --video: the background is as recorded");
+  int status = args_forbid(args, "bg-img fit", "places what is not drawn with --video: the background is as recorded");
   if (status < 0)
-    status = args_forbid(args, "torso torso_shrink", "is about the torso, which is as recorded with --video");
+    status = args_forbid(args, "torso torso-shrink", "is about the torso, which is as recorded with --video");
   if (status < 0)
-    status = args_forbid(args, "fix_eye smooth_eye smooth_path smooth_path_window hold_pose rotate",
+    status = args_forbid(args, "fix-eye smooth-eye smooth-path smooth-path-window hold-pose rotate",
                          "changes pose or eyes, which are as recorded with --video");
   return status < 0 ? args_forbid(args, "front", "has times of frames without --video") : status;
 }
@@ -194,7 +194,7 @@ static int open_portrait(struct live_job *job, const struct args *args) {
     return session_fail_with(
         session,
         "%s: was trained on speech features of the kind \"%s\", which need a network and the whole sound; live sound "
-        "needs a model that was trained on %s: `ernerf train CLIP --asr_model cepstra`",
+        "needs a model that was trained on %s: `ernerf train CLIP --asr-model cepstra`",
         portrait->model_path, portrait_speech(portrait), ERN_SPEECH_CEPSTRA);
   job->features = ern_clip_features(portrait->clip);
   if (ern_renderer_accepts(portrait->renderer, job->features, portrait->features_path) != ERN_OK)
@@ -393,7 +393,7 @@ int cmd_live(int argc, char **argv) {
   job->sound.channels = 1;
   job->eye = -1;
   job->portrait.other_speech = true;
-  args_unlist(&args, "split frames eye smooth_lips speech-model speech-preset");
+  args_unlist(&args, "split frames eye smooth-lips speech-model speech-preset");
   int status = args_parse(&args, argc, argv);
   if (status < 0) status = check_usage(job, &args);
   const char *const inputs[SESSION_INPUTS] = {job->portrait.model_path, job->portrait.source.path, job->background_file,

@@ -4,7 +4,7 @@
 #include <stdlib.h>
 
 void clip_source_options(struct clip_source *source, struct option options[CLIP_SOURCE_OPTIONS]) {
-  const struct option rows[] = {{ARGS_TEXT("asr_model", &source->asr_model), .choices = "NAME",
+  const struct option rows[] = {{ARGS_TEXT("asr-model", &source->asr_model), .choices = "NAME",
                                  .help = "kind of the clip's speech features: deepspeech, esperanto, hubert or cepstra "
                                          "(default: the first that there is of aud_ds.npy, aud_eo.npy, aud_hu.npy, "
                                          "aud.npy, aud_cep.npy, and aud.wav, from which cepstra are computed)"},

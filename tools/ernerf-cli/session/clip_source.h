@@ -17,7 +17,7 @@ struct clip_source {
   struct speech_model speech_model;
 };
 
-/* --asr_model --speech-model --speech-preset, and --set memory. */
+/* --asr-model --speech-model --speech-preset, and --set memory. */
 void clip_source_options(struct clip_source *source, struct option options[CLIP_SOURCE_OPTIONS]);
 
 /* Opens the speech network, if one was requested and is not open yet, and the clip. With an asr_model the network is

@@ -16,7 +16,7 @@ struct control {
 };
 
 enum { CONTROL_OPTIONS = 7 };
-/* The defaults, and --fix_eye --eye --smooth_eye --smooth_path --smooth_path_window --rotate, and --set hold_pose. */
+/* The defaults, and --fix-eye --eye --smooth-eye --smooth-path --smooth-path-window --rotate, and --set hold-pose. */
 void control_options(struct control *control, struct option options[CONTROL_OPTIONS]);
 /* Refuses options that contradict each other. Returns -1, or EXIT_USAGE after a message. */
 int control_check(const struct control *control, const struct args *args);

@@ -33,20 +33,20 @@ void portrait_options(struct portrait *portrait, enum frame_source_split split,
       {ARGS_CHOICE("audio-pad", &portrait->audio_pad, "edge|zero"), .seldom = true,
        .help = "speech windows past the ends of the speech: edge repeats the nearest, zero has zeros, as published "
                "(default as in training)"},
-      {.name = "max_steps", ARGS_SETTING(&portrait->chosen, "max_steps"), .seldom = true, .published = true},
-      {.name = "dt_gamma", ARGS_SETTING(&portrait->chosen, "dt_gamma"), .seldom = true, .published = true},
-      {.name = "transmittance_stop", ARGS_SETTING(&portrait->chosen, "transmittance_stop"), .seldom = true},
-      {ARGS_FLOAT("occupancy_threshold", &portrait->occupancy_threshold, 0, 1e6), .seldom = true,
+      {.name = "max-steps", ARGS_SETTING(&portrait->chosen, "max_steps"), .seldom = true, .published = true},
+      {.name = "dt-gamma", ARGS_SETTING(&portrait->chosen, "dt_gamma"), .seldom = true, .published = true},
+      {.name = "transmittance-stop", ARGS_SETTING(&portrait->chosen, "transmittance_stop"), .seldom = true},
+      {ARGS_FLOAT("occupancy-threshold", &portrait->occupancy_threshold, 0, 1e6), .seldom = true,
        .help = "skip the cells of the occupancy grid whose density, per scene unit, is below X in all frames of this "
                "speech, such as 0.1 (default 0: none)"},
       {ARGS_CHOICE("torso", &portrait->torso, "recorded|model"),
        .help = "the torso below a head that has the clip's own poses: recorded: the clip's torso pictures, where there "
                "are some; model: that of the model, where it has one (default recorded)"},
-      {.name = "torso_shrink", ARGS_SETTING(&portrait->chosen, "torso_shrink"), .seldom = true, .published = true},
+      {.name = "torso-shrink", ARGS_SETTING(&portrait->chosen, "torso_shrink"), .seldom = true, .published = true},
       {ARGS_FLOAT("scale", &portrait->scale, 0.001, 1000), .seldom = true, .published = true,
        .help = "factor of the poses' translations (default as in training)"},
-      {.name = "image_scale", ARGS_SETTING(&portrait->chosen, "image_scale"), .seldom = true},
-      {ARGS_FLAG("smooth_lips", &portrait->render.smooth_lips), .seldom = true, .published = true,
+      {.name = "image-scale", ARGS_SETTING(&portrait->chosen, "image_scale"), .seldom = true},
+      {ARGS_FLAG("smooth-lips", &portrait->render.smooth_lips), .seldom = true, .published = true,
        .help = "smooth the lips: the audio code of a frame is 0.35 of the previous frame's and 0.65 of its own"},
       {ARGS_FLAG("force", &portrait->force), .help = "use the model although it was trained on another clip"}};
   ARGS_FILL(options, rows, PORTRAIT_OPTIONS - CLIP_SOURCE_OPTIONS);
@@ -61,8 +61,8 @@ void portrait_options(struct portrait *portrait, enum frame_source_split split,
 static void take_view(struct portrait *portrait, struct session *session, const struct args *args) {
   const ern_model_info *info = &portrait->info;
   ern_render_options *render = &portrait->render;
-  const bool shrink = args_given(args, "torso_shrink"), scale = args_given(args, "scale"),
-             gamma = args_given(args, "dt_gamma"), steps = args_given(args, "max_steps"),
+  const bool shrink = args_given(args, "torso-shrink"), scale = args_given(args, "scale"),
+             gamma = args_given(args, "dt-gamma"), steps = args_given(args, "max-steps"),
              pad = args_given(args, "audio-pad");
   struct bytes trained = {0}, asked = {0};
   if (!shrink) render->torso_shrink = info->torso_shrink;
@@ -91,7 +91,7 @@ static void take_view(struct portrait *portrait, struct session *session, const 
     session_warn(session, "%s was trained with%.*s; it is drawn with%.*s, as asked", portrait->model_path,
                  (int)trained.count, (const char *)trained.data, (int)asked.count, (const char *)asked.data);
   if (!spaced && render->dt_gamma != info->dt_gamma)
-    session_warn(session, "--dt_gamma %g changes nothing with %d samples a ray, expected --max_steps above %d",
+    session_warn(session, "--dt-gamma %g changes nothing with %d samples a ray, expected --max-steps above %d",
                  (double)render->dt_gamma, render->max_steps, EVEN_STEPS);
   bytes_free(&trained);
   bytes_free(&asked);
@@ -104,14 +104,14 @@ static int open_model(struct portrait *portrait, struct session *session, const 
   if (portrait->info.dub && !portrait->dubs)
     session_warn(session, "%s: was trained for `ernerf dub`: outside the lower face it is blurred",
                  portrait->model_path);
-  if (args_given(args, "torso_shrink") && !portrait->info.has_torso)
-    session_warn(session, "--torso_shrink changes nothing: %s has no torso", portrait->model_path);
+  if (args_given(args, "torso-shrink") && !portrait->info.has_torso)
+    session_warn(session, "--torso-shrink changes nothing: %s has no torso", portrait->model_path);
   return 0;
 }
 
 /* A torso of the model is left out where the clip's pictures show it. */
 static void choose_torso(struct portrait *portrait, struct session *session, const struct args *args) {
-  const bool moved = args_given(args, "rotate") || args_given(args, "hold_pose") || args_given(args, "smooth_path");
+  const bool moved = args_given(args, "rotate") || args_given(args, "hold-pose") || args_given(args, "smooth-path");
   const bool recorded = portrait->torso == PORTRAIT_TORSO_RECORDED && (!moved || args_given(args, "torso"));
   if (!recorded || portrait->clip == NULL || !portrait->clip_info.has_torso || !portrait->info.has_torso) return;
   if (!portrait->dubs)

@@ -41,7 +41,7 @@ struct portrait {
 };
 
 enum { PORTRAIT_OPTIONS = 13 + CLIP_SOURCE_OPTIONS };
-/* The defaults, and --split --frames --max_steps --dt_gamma --torso --torso_shrink --scale --smooth_lips --force, --set
+/* The defaults, and --split --frames --max-steps --dt-gamma --torso --torso-shrink --scale --smooth-lips --force, --set
  * audio-pad, transmittance_stop, occupancy_threshold, image_scale, and those of a clip's source. */
 void portrait_options(struct portrait *portrait, enum frame_source_split split,
                       struct option options[PORTRAIT_OPTIONS]);
@@ -74,7 +74,7 @@ int portrait_features(struct portrait *portrait, struct session *session, const 
 
 /* "head" or "head+torso". */
 const char *portrait_kind(const struct portrait *portrait);
-/* Keeps frames [begin, end) of --frames. With --smooth_lips the speech of the earlier frames is processed without
+/* Keeps frames [begin, end) of --frames. With --smooth-lips the speech of the earlier frames is processed without
  * drawing, so that the first frames are the same as in the whole output. Returns 0, or an exit status after a message.
  */
 int portrait_cut(const struct portrait *portrait, struct session *session, const struct args *args,

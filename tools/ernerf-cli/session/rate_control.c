@@ -35,10 +35,10 @@ int rate_control_check(const struct rate_control *g, const struct args *args) {
   if (!rate_control_asked(g))
     return g->front != NULL ? args_refuse(args, "--set front needs --hold-fps or --quality") : -1;
   if (g->hold_fps > 0 && g->quality >= 0) return args_refuse(args, "--hold-fps and --quality: expected one of them");
-  status = args_forbid(args, "max_steps transmittance_stop occupancy_threshold image_scale",
+  status = args_forbid(args, "max-steps transmittance-stop occupancy-threshold image-scale",
                        "is what --hold-fps and --quality choose");
   if (status < 0)
-    status = args_forbid(args, "smooth_lips", "makes a frame depend on earlier frames, which may have other settings");
+    status = args_forbid(args, "smooth-lips", "makes a frame depend on earlier frames, which may have other settings");
   if (status < 0 && g->front != NULL)
     status = args_forbid(args, "backend isa threads device", "is part of the settings in the file of --set front");
   return status;

@@ -61,13 +61,13 @@ void settings_name(const struct settings *s, const struct settings *base, const 
 }
 
 void settings_options(const struct settings *s, const struct settings *base, struct bytes *words) {
-  if (base == NULL || s->max_steps != base->max_steps) bytes_print(words, " --max_steps %d", s->max_steps);
+  if (base == NULL || s->max_steps != base->max_steps) bytes_print(words, " --max-steps %d", s->max_steps);
   if (base == NULL || !same(s->transmittance_stop, base->transmittance_stop))
-    bytes_print(words, " --set transmittance_stop=%.6g", (double)s->transmittance_stop);
+    bytes_print(words, " --set transmittance-stop=%.6g", (double)s->transmittance_stop);
   if (base == NULL || !same(s->occupancy_threshold, base->occupancy_threshold))
-    bytes_print(words, " --set occupancy_threshold=%.6g", (double)s->occupancy_threshold);
+    bytes_print(words, " --set occupancy-threshold=%.6g", (double)s->occupancy_threshold);
   if (base == NULL || !same(s->image_scale, base->image_scale))
-    bytes_print(words, " --set image_scale=%.6g", (double)s->image_scale);
+    bytes_print(words, " --set image-scale=%.6g", (double)s->image_scale);
   const bool unit = base == NULL || !same_unit(s, base);
   if (unit && s->isa[0] == 0) bytes_print(words, " --backend opencl --device %d", s->device);
   if (unit && s->isa[0] != 0) bytes_print(words, " --isa %s", s->isa);

@@ -31,7 +31,7 @@ int speech_model_check(const struct speech_model *speech_model, const struct arg
                        speech_model->needs);
   if (audio != NULL && !ern_speech_is_sound(audio))
     return args_refuse(args, "--speech-model takes a sound, and %s holds features", audio);
-  return args_forbid(args, "asr_model",
+  return args_forbid(args, "asr-model",
                      "chooses the clip's features, and --speech-model computes them from its "
                      "sound; expected one of the two");
 }

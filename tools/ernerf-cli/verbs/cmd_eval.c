@@ -372,18 +372,18 @@ static int check_words(struct eval_job *job, const struct args *args) {
   int status = setting_check(&job->setting, args, portrait);
   if (status < 0) status = speech_model_check(&portrait->source.speech_model, args, portrait->source.features);
   if (status < 0 && portrait->source.features != NULL)
-    status = args_forbid(args, "asr_model", "chooses the clip's speech, not --audio");
+    status = args_forbid(args, "asr-model", "chooses the clip's speech, not --audio");
   if (status < 0 && job->refine_poses)
     status =
-        args_forbid(args, "smooth_lips", "needs frames one after the other, which --refine-poses draws many times");
+        args_forbid(args, "smooth-lips", "needs frames one after the other, which --refine-poses draws many times");
   portrait->dubs = portrait->render.no_torso = job->compose == COMPOSE_DUB;
   if (status < 0 && portrait->dubs)
-    status = args_forbid(args, "refine-poses torso torso_shrink against", "is about frames that are rendered whole");
+    status = args_forbid(args, "refine-poses torso torso-shrink against", "is about frames that are rendered whole");
   const char *dot = job->sheet != NULL ? strrchr(job->sheet, '.') : NULL;
   if (status < 0 && job->sheet != NULL && (dot == NULL || strcmp(dot, ".png") != 0))
     status = args_refuse(args, "--sheet is \"%s\", expected a name that ends in .png", job->sheet);
   if (status < 0 && job->sheet != NULL)
-    status = args_forbid(args, "smooth_lips", "needs frames one after the other, and --sheet draws some again");
+    status = args_forbid(args, "smooth-lips", "needs frames one after the other, and --sheet draws some again");
   job->session.inputs[0] = portrait->model_path;
   job->session.inputs[1] = portrait->source.path;
   job->session.inputs[2] = portrait->source.features;

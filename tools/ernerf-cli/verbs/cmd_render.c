@@ -41,7 +41,7 @@ static void own_options(struct render_job *job, struct option options[OWN_OPTION
       {ARGS_RATE("fps", &job->rate),
        .help = "frames a second of the output, 1 to 240, such as 30, 29.97 or 24000/1001 (default 25, as the clip): "
                "poses, speech and eyes are interpolated in time"},
-      {ARGS_TEXT("bg_img", &job->background_file), .choices = "FILE|white|black",
+      {ARGS_TEXT("bg-img", &job->background_file), .choices = "FILE|white|black",
        .help = "background (default the clip's; with --poses transparent)"},
       {ARGS_CHOICE("progress", &job->session.progress_form, "words|json"),
        .help = "form of the progress on standard error: words, or for programs a JSON object a line, twice a second "
@@ -60,9 +60,9 @@ static int check_usage(struct render_job *job, const struct args *args) {
   if (status < 0 && poses && job->audio == NULL)
     status = args_refuse(args, "--poses has no speech of its own, expected --audio FILE");
   if (status < 0 && poses)
-    status = args_forbid(args, "split asr_model memory force smooth_eye", "is about a clip, so it needs --clip");
+    status = args_forbid(args, "split asr-model memory force smooth-eye", "is about a clip, so it needs --clip");
   if (status < 0 && job->audio != NULL)
-    status = args_forbid(args, "asr_model", "chooses the clip's speech, not --audio");
+    status = args_forbid(args, "asr-model", "chooses the clip's speech, not --audio");
   if (status < 0 && !sink_has_sound(&job->sink))
     status = args_forbid(args, "wav", "is for a video with sound, and this output has none");
   if (status < 0) status = label_check(&job->label, args);
@@ -170,7 +170,7 @@ static int open_background(struct render_job *job) {
   int status = background_open(&job->background, &job->session, job->background_file, job->portrait.clip, width, height,
                                (ern_fit)job->fit);
   if (status != 0 || job->background.image.data != NULL || !sink_is_opaque(&job->sink)) return status;
-  session_warn(&job->session, "%s has no transparency: frames are drawn over black; --bg_img chooses a background",
+  session_warn(&job->session, "%s has no transparency: frames are drawn over black; --bg-img chooses a background",
                job->sink.kind == SINK_JPEG ? "a jpg" : "a video");
   return background_fill(&job->background, &job->session);
 }
@@ -373,7 +373,7 @@ int cmd_render(int argc, char **argv) {
       .summary = "Renders a model as a video with sound, or as pictures.",
       .usage =
           "render MODEL --clip CLIP [--audio SOUND|F.npy] [--wav W] -o out.mp4\n"
-          "render MODEL --poses FILE --audio SOUND|F.npy [--wav W] [--bg_img FILE] -o out.mp4 | out/%05d.png | -",
+          "render MODEL --poses FILE --audio SOUND|F.npy [--wav W] [--bg-img FILE] -o out.mp4 | out/%05d.png | -",
       .notes =
           "A head alone is drawn over the torso pictures of the clip, and those over the background.\n"
           "mp4, mov, mkv: H.264 yuv420p, AAC. webm: VP9, Opus. gif: 256 colours, silent. png: RGBA. jpg: RGB. exr: R G "

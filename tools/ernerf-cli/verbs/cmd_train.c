@@ -55,7 +55,7 @@ static int check_usage(struct train_job *job, const struct args *args) {
   if (status < 0 && job->purpose == FOR_DUB)
     status = args_forbid_settings(args, &job->chosen, ERN_SCOPE_TORSO, "is about the torso, which --for dub lacks");
   if (status < 0 && job->source.features != NULL)
-    status = args_forbid(args, "asr_model", "chooses the clip's speech, not --audio");
+    status = args_forbid(args, "asr-model", "chooses the clip's speech, not --audio");
   if (status < 0 && (config->backbone == ERN_BACKBONE_TRIPLANE || config->backbone == ERN_BACKBONE_MLP))
     status = args_forbid_setting(args, &job->chosen, "levels", "is about hash grids, which this backbone has none of");
   if (status < 0 && !asks_auto(job)) status = check_effects(job, args);
@@ -189,7 +189,7 @@ static void fill_config(struct train_job *job, const struct args *args) {
   choose_parts(job);
   if (setting_given(&job->chosen, "lr_net") && !setting_given(&job->chosen, "lr_att"))
     config->lr_att = 5 * config->lr_net;
-  if (args_given(args, "data_range")) {
+  if (args_given(args, "data-range")) {
     config->data_begin = (size_t)job->data.begin;
     config->data_end = job->data.open_end ? job->clip_info.frames[ERN_SPLIT_TRAIN] : (size_t)job->data.end;
   }
@@ -205,9 +205,9 @@ static int open_clip(struct train_job *job, const struct args *args) {
       0)
     return EXIT_FAILURE;
   const size_t frames = job->clip_info.frames[ERN_SPLIT_TRAIN];
-  if (args_given(args, "data_range") && (job->data.begin >= frames || (!job->data.open_end && job->data.end > frames)))
+  if (args_given(args, "data-range") && (job->data.begin >= frames || (!job->data.open_end && job->data.end > frames)))
     return args_refuse(
-        args, "--data_range is %" PRIu64 ":%" PRIu64 ", expected A:B with 0 <= A < B <= %zu, the training frames",
+        args, "--data-range is %" PRIu64 ":%" PRIu64 ", expected A:B with 0 <= A < B <= %zu, the training frames",
         job->data.begin, job->data.open_end ? (uint64_t)frames : job->data.end, frames);
   return job->has_state ? inherit_frames(args, &job->session, &job->state, earlier, job->source.path, frames) : 0;
 }
@@ -313,7 +313,7 @@ static int open_all(struct train_job *job, const struct args *args) {
                              job->source.path);
   if (setting_given(&job->chosen, "head_random_background") && job->config.head_random_background &&
       !job->clip_info.has_parsing)
-    return session_fail_with(session, "%s/parsing: is missing, and --set head_random_background=yes needs it",
+    return session_fail_with(session, "%s/parsing: is missing, and --set head-random-background=yes needs it",
                              job->source.path);
   ern_clip_dataset(job->clip, &dataset);
   if (job->paper && !args_given(args, "speech-augment")) job->speech.off = true;
@@ -467,8 +467,8 @@ int cmd_train(int argc, char **argv) {
           "seconds and steps, and val_NNNNNN.png: rendered, recorded, 4 times their difference, attention of speech "
           "and\n"
           "of the eyes.\n"
-          "With --time other settings are the default: ema=yes ema_every=40 refine_poses=yes prune_share=0.3, with\n"
-          "--backend opencl or under mpirun frames_per_step=4, and under mpirun step_parts=4, or the number of "
+          "With --time other settings are the default: ema=yes ema-every=40 refine-poses=yes prune-share=0.3, with\n"
+          "--backend opencl or under mpirun frames-per-step=4, and under mpirun step-parts=4, or the number of "
           "processes\n"
           "if that is more (without --time too).",
       .settings = &job.chosen,

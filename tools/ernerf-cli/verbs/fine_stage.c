@@ -42,7 +42,7 @@ int fine_stage_check(const struct fine_stage *fine, const struct args *args, con
     status = args_forbid_setting(args, chosen, "fine_steps", "and --paper both say how it is trained");
   if (status < 0 && fine->stage == STAGE_COARSE && config->fine_steps == 0 && !config->resume && !published)
     status = forbid_details(args, chosen,
-                            "is about the fine stage, which is off; expected --stage fine or --set fine_steps=N too");
+                            "is about the fine stage, which is off; expected --stage fine or --set fine-steps=N too");
   if (status < 0 && args_given(args, "stage"))
     status = args_forbid_setting(args, chosen, "fine_steps", "and --stage both say when the fine stage begins");
   if (status < 0 && fine->loss == LOSS_SSIM)
@@ -82,7 +82,7 @@ int fine_stage_check_resumed(const struct args *args, const struct setting_choic
   if (state->fine_steps > 0 || config->fine_steps > 0 || config->fine_share > 0) return 0;
   const int status = forbid_details(
       args, chosen,
-      "is about the fine stage, which this training does not have; expected --stage fine or --set fine_steps=N too");
+      "is about the fine stage, which this training does not have; expected --stage fine or --set fine-steps=N too");
   return status < 0 ? 0 : status;
 }
 

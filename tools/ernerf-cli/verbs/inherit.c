@@ -66,10 +66,10 @@ void inherit_state(const struct args *args, const struct setting_choice *chosen,
 
 int inherit_frames(const struct args *args, struct session *session, const ern_train_state *state,
                    const char *model_path, const char *clip_path, size_t frames) {
-  if (!state->has_settings || args_given(args, "data_range") || state->data_end <= frames) return 0;
+  if (!state->has_settings || args_given(args, "data-range") || state->data_end <= frames) return 0;
   return session_fail_with(session,
                            "%s: has %zu training frames, %s was trained on those from %" PRIu64 " to %" PRIu64
-                           "; expected as many, or --data_range A:B",
+                           "; expected as many, or --data-range A:B",
                            clip_path, frames, model_path, (uint64_t)state->data_begin, (uint64_t)state->data_end);
 }
 

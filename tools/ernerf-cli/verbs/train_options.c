@@ -37,7 +37,7 @@ void train_goal_options(struct train_job *job, struct option options[TRAIN_GOAL_
                "alone, as X.safetensors. With --resume or --from T includes the time before"},
       {ARGS_FLAG("paper", &job->paper),
        .help = "the published schedule, unless an option says otherwise: 100000 steps of 65536 rays, and by --set "
-               "ray_sampling=uniform, refresh_every=16, head_random_background=no, torso_random_background=no; no data "
+               "ray_sampling=uniform, refresh-every=16, head-random-background=no, torso-random-background=no; no data "
                "augmentation of the speech; with --fine-loss lpips a head has 125000 steps, the last 25000 of them in "
                "the fine stage"},
       {ARGS_FLAG("resume", &config->resume),
@@ -77,7 +77,7 @@ void train_number_options(struct train_job *job, struct option options[TRAIN_NUM
                "fp32 (default fp32, with --resume as before)"},
       {ARGS_FLOAT("scale", &job->scale, 0.001, 1000),
        .help = "factor of the poses' translations; kept in the model (default 4)"},
-      {ARGS_RANGE_PAIR("data_range", &job->data), .choices = "A:B | A B",
+      {ARGS_RANGE_PAIR("data-range", &job->data), .choices = "A:B | A B",
        .help = "train on frames [A, B) of transforms_train.json alone; B -1: to the last"}};
   ARGS_FILL(options, rows,
             TRAIN_NUMBER_OPTIONS - SESSION_COMPUTE_OPTIONS - SESSION_SEED_OPTIONS - SESSION_OUTPUT_OPTIONS);
