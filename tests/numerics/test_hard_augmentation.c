@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  * Data augmentation of the speech: the windows of a step with noise, also of features that do not vary, of
- * windows that do not overlap, and with wrong settings (docs/numerics-whole.md). */
+ * windows that do not overlap, and with wrong settings (docs/numerics.md). */
 #include "made_clip.h"
 #include "train/trainer.h"
 
@@ -41,6 +41,8 @@ static void noise_of(const ern_trainer *t, const float *heard, const float *plai
   }
 }
 
+/* case: noise of the speech of 0.5 deviations | plain code: another noise in each window | here: one noise a vector, of
+ * that deviation, the same in a step | bound: 1e-5; 4 standard errors */
 /* A vector has one noise, whichever windows it is in; its deviation is that asked for. The same step has the same
  * noise, another part or step has another. */
 static void test_speech_noise(void **state) {
@@ -69,6 +71,7 @@ static void test_speech_noise(void **state) {
   made_close(&made);
 }
 
+/* case: noise of a feature that never changes | plain code: 0/0 | here: none | bound: exact */
 /* A feature that never changes has no deviation, and gets no noise. */
 static void test_constant_feature(void **state) {
   (void)state;
@@ -88,6 +91,8 @@ static void test_constant_feature(void **state) {
   made_close(&made);
 }
 
+/* case: the largest noise, of windows of one vector | plain code: a vector in no window | here: finite | bound: finite
+ */
 /* The largest noise leaves a training finite, also on windows that do not overlap. */
 static void test_largest_noise(void **state) {
   (void)state;
@@ -99,6 +104,8 @@ static void test_largest_noise(void **state) {
   made_close(&made);
 }
 
+/* case: noise of -0.1, 10.1, NaN, infinity | plain code: values without a bound | here: refused by name | bound: exact
+ */
 static void test_refused_noise(void **state) {
   (void)state;
   made_open(&made);

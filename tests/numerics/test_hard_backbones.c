@@ -77,6 +77,8 @@ static float reach_of(size_t point) {
   return most;
 }
 
+/* case: volume, planes, waves: points at the ends, outside, NaN | plain code: a cell outside the table | here: as
+ * inside the tables' rows; NaN for waves of NaN alone | bound: 2^-16 */
 /* Grids have no cell for what is no number; waves are NaN there, and finite for all that is near. What lies 3e38 away,
  * where marching has no sample, leaves float in a network. */
 static void test_backbones_at_odd_points(void **state) {
@@ -103,6 +105,7 @@ static void test_backbones_at_odd_points(void **state) {
   }
 }
 
+/* case: their exponents of +-1e30 | plain code: `exp` infinite | here: exp(80) and 0 | bound: 2^-16 */
 /* Exponents driven to both ends. */
 static void test_backbones_with_exponents_of_200(void **state) {
   (void)state;
@@ -123,6 +126,7 @@ static void test_backbones_with_exponents_of_200(void **state) {
   }
 }
 
+/* case: one of their weights NaN | plain code: hidden by ReLU | here: no density is a number | bound: exact */
 /* A NaN among the weights of encoder, attention or density: no density is a number. */
 static void test_backbones_with_a_nan_among_the_weights(void **state) {
   (void)state;

@@ -41,6 +41,8 @@ static void expect_patches(const int32_t *pixel, size_t count) {
   }
 }
 
+/* case: patches around lips past all borders, of one pixel, upside down | plain code: a pixel outside | here: squares
+ * inside the picture; of lips without a pixel: anywhere | bound: exact */
 static void test_patch_places(void **state) {
   (void)state;
   enum { MANY = 200 };
@@ -71,6 +73,8 @@ static void test_patch_places(void **state) {
   ern_trainer_free(&t);
 }
 
+/* case: 612 rays of 4 frames, patches of 256 | plain code: a part of a patch | here: 2 whole patches of 2 frames |
+ * bound: exact */
 /* A step has whole patches, of as many frames as there are patches for; the coarse steps before it have all rays. */
 static void test_rays_of_a_fine_step(void **state) {
   (void)state;
@@ -111,6 +115,8 @@ static void train_on(const char *output, bool resume, uint64_t steps, ern_train_
   ern_trainer_free(&trainer);
 }
 
+/* case: stopped before, at, after the first fine step; begun by a resume; refined, 1 and 2 threads | plain code: a
+ * stage that begins twice | here: as in one go | bound: same bytes */
 /* Stopped before, at and after its beginning, with poses refined, for 1 and 2 threads. Whoever goes on need not say
  * that it has begun; a resume with ERN_FINE_ALL lets it begin. */
 static void test_resumed_fine_stage_long(void **state) {
@@ -157,6 +163,8 @@ static ern_status mean_square(void *user, const float *pixel, const float *truth
   return *(int *)user < 100 ? ERN_OK : ERN_E_CANCELLED;
 }
 
+/* case: a loss of the program's; a resume without it; one that gives up | plain code: a step half taken | here: called
+ * once a patch; refused by name; the step ends with its status | bound: exact */
 /* It is called once before, and once a patch of the fine stage alone. A resume needs it again, also before that stage
  * begins; what it returns ends the step. */
 static void test_loss_of_the_program_long(void **state) {
@@ -194,6 +202,8 @@ static void test_loss_of_the_program_long(void **state) {
                  NULL);
 }
 
+/* case: black, grey and white frames, weight 1,000 | plain code: 0/0 of the similarity | here: 8 steps, finite | bound:
+ * finite */
 /* Flat, saturated and equal pictures: the structural similarity divides by their variances. */
 static void test_fine_stage_of_flat_pictures_long(void **state) {
   (void)state;
@@ -223,6 +233,8 @@ static void refuse(ern_train_config config, const char *words) {
   assert_null(t);
 }
 
+/* case: patches larger than frames or rays; of 24 pixels; a weight of NaN; with `--time` | plain code: memory overrun |
+ * here: refused by name | bound: exact */
 static void test_refused_fine_stage(void **state) {
   (void)state;
   ern_train_config config = fine_config(9, 3);

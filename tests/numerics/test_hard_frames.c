@@ -110,6 +110,8 @@ static void expect_refused(const ern_frame_input *input, ern_status status, cons
 }
 /* ---- individual codes ---- */
 
+/* case: mean of individual codes of +-3e38 | plain code: the sum leaves float | here: sums in double | bound: same bits
+ * as of a model with that row */
 /* On each machine a frame of the mean of the codes is that of a model whose first row is the mean, also where sums
  * leave float; other rows are as before. */
 static void test_frame_of_the_mean_code(void **state) {
@@ -149,6 +151,8 @@ static void test_frame_of_the_mean_code(void **state) {
 
 /* ---- frames that are kept ---- */
 
+/* case: frames kept from one of speech 0, 1e4, +-1e30 | plain code: a scale of 0 or 1/infinity | here: as drawn from
+ * nothing | bound: 0.5/255 */
 /* Each speech twice, so often that the view counts as standing: against the same frames drawn from nothing. */
 static void test_kept_frames_of_silent_and_huge_speech(void **state) {
   (void)state;
@@ -180,6 +184,7 @@ static void test_kept_frames_of_silent_and_huge_speech(void **state) {
 
 /* ---- poses ---- */
 
+/* case: an ordinary frame | plain code: - | here: the others have something to lose | bound: in [0, 1] */
 static void test_frame_of_the_usual_long(void **state) {
   (void)state;
   const ern_frame_input input = usual();
@@ -189,6 +194,8 @@ static void test_frame_of_the_usual_long(void **state) {
   if (!(most > 0.3f)) fail_msg("opacity up to %g", (double)most); /* the other cases have something to draw */
 }
 
+/* case: singular poses | plain code: infinite inverse, black frame | here: refused: pose or head_pose, "cannot be
+ * inverted" | bound: determinant 1e-6 */
 static void test_frame_of_a_singular_pose(void **state) {
   (void)state;
   static const float poses[][16] = {{0},
@@ -206,6 +213,8 @@ static void test_frame_of_a_singular_pose(void **state) {
   }
 }
 
+/* case: NaN or infinity at each place of a pose | plain code: an empty frame | here: refused with its place | bound:
+ * exact */
 static void test_frame_of_a_pose_that_is_no_number(void **state) {
   (void)state;
   for (size_t i = 0; i < 16; i++) {
@@ -221,6 +230,8 @@ static void test_frame_of_a_pose_that_is_no_number(void **state) {
   }
 }
 
+/* case: mirrored, sheared, stretched poses, odd last rows | plain code: the transpose as inverse | here: drawn as they
+ * are | bound: in [0, 1] */
 static void test_frame_of_mirrored_and_sheared_poses(void **state) {
   (void)state;
   static const float poses[][16] = {{0, 1, 0, 0, 0, 0, -1, 3, 1, 0, 0, 0, 0, 0, 0, 1},
@@ -237,6 +248,8 @@ static void test_frame_of_mirrored_and_sheared_poses(void **state) {
   }
 }
 
+/* case: places to 1e38; rotations with entries to 1e3, and to 1e38 | plain code: an endless march; inf - inf | here:
+ * empty far away; drawn to 1,000, above refused with its place | bound: in [0, 1] */
 /* Places 1e3 to 1e38 away; rotations with entries of up to 1,000, and longer ones. */
 static void test_frame_of_huge_poses(void **state) {
   (void)state;
@@ -262,6 +275,8 @@ static void test_frame_of_huge_poses(void **state) {
   expect_refused(&input, ERN_E_ARGUMENT, "head_pose: value 8, of the rotation", "expected 1000 at most");
 }
 
+/* case: from inside the head, on faces, corners, the key points' plane | plain code: X/0, samples behind the camera |
+ * here: drawn | bound: in [0, 1] */
 /* The camera in the head, on faces and corners of the box, on the plane of the torso's key points. */
 static void test_frame_from_inside_the_head(void **state) {
   (void)state;
@@ -304,6 +319,8 @@ static void expect_smooth_lips_recover(const ern_frame_input *loud) {
   first[0] = kept[0], first[3] = kept[1];
 }
 
+/* case: speech of 0, 1e-45, 1e5 to FLT_MAX | plain code: NaN pixels, black bytes | here: drawn to 1e30, above refused
+ * with its place; the next frame is as ever, with smooth_lips too | bound: in [0, 1] */
 static void test_frame_of_silent_and_huge_speech(void **state) {
   (void)state;
   static const float drawn[] = {0, -0.0f, FLT_TRUE_MIN, 1e5f, -1e10f, 1e20f, 1e30f, -1e30f};
@@ -327,6 +344,7 @@ static void test_frame_of_silent_and_huge_speech(void **state) {
   expect_drawn(&input);
 }
 
+/* case: one NaN or infinity in the speech | plain code: a black frame | here: refused with its place | bound: exact */
 static void test_frame_of_speech_with_a_nan(void **state) {
   (void)state;
   static const size_t places[] = {0, 77, WINDOWS - 1};
@@ -347,6 +365,8 @@ static void test_frame_of_speech_with_a_nan(void **state) {
   }
 }
 
+/* case: eye and silence weight NaN, infinite, 1.0001, -0.1; a silence code not finite | plain code: NaN passes `x < 0
+ * or x > 1` | here: `!(x >= 0 && x <= 1)`: refused | bound: exact */
 static void test_frame_of_odd_eye_and_silence(void **state) {
   (void)state;
   static const float odd[] = {NAN, INFINITY, -0.1f, 1.0001f};
@@ -420,6 +440,8 @@ static void refuse_times(float times) {
   free(kept);
 }
 
+/* case: last weights times 0, +-1e3, 1e5, fused | plain code: inf/inf in colours | here: clamped as stage by stage |
+ * bound: in [0, 1] */
 /* Exponents of thousands, colours and alphas at both ends, deformations to the border: the fused passes' own
  * arithmetic. */
 static void test_frame_of_saturated_networks(void **state) {
@@ -429,6 +451,8 @@ static void test_frame_of_saturated_networks(void **state) {
   draw_times(1e3f);
   draw_times(1e5f);
 }
+/* case: last weights of one network times 1e20 and -1e37; all parameters times 1e5 and more | plain code: black frames
+ * | here: one: drawn; all: refused, "the picture is not finite" | bound: in [0, 1] */
 static void test_frame_of_overflowing_networks(void **state) {
   (void)state;
   draw_times(1e20f);
@@ -438,6 +462,8 @@ static void test_frame_of_overflowing_networks(void **state) {
   refuse_times(-1e37f);
 }
 
+/* case: attention whose sum over a ray is beyond floats | plain code: an infinite map | here: refused: "the attention
+ * map is not finite" | bound: exact */
 /* A head whose attention alone is beyond all floats: its map is refused where it is asked for. */
 static void test_frame_of_an_attention_map_without_end(void **state) {
   (void)state;
@@ -458,6 +484,8 @@ static void test_frame_of_an_attention_map_without_end(void **state) {
   free(kept);
 }
 
+/* case: cells of NaN density, thin ones left out | plain code: NaN >= 1 is false: empty | here: NaN counts as dense,
+ * the frame is refused | bound: exact */
 /* Cells whose density is NaN must not be taken for empty ones. Which cells are left out is found by plain C. */
 static void test_frame_of_a_nan_after_thinning(void **state) {
   (void)state;
@@ -479,6 +507,8 @@ static void test_frame_of_a_nan_after_thinning(void **state) {
 
 /* ---- camera ---- */
 
+/* case: focal NaN, 0, -1; centres NaN; 1e-45 to FLT_MAX | plain code: division by 0, endless loop | here: refused;
+ * finite ones are drawn | bound: in [0, 1] */
 static void test_frame_of_odd_intrinsics(void **state) {
   (void)state;
   static const float refused[] = {NAN, INFINITY, -INFINITY, 0, -1, -0.0f};
@@ -505,6 +535,8 @@ static void test_frame_of_odd_intrinsics(void **state) {
   }
 }
 
+/* case: sides 0, -1, 8193, INT_MIN, 1 x 1 | plain code: a product of sizes overflows | here: refused; 1 x 1 is drawn |
+ * bound: exact */
 static void test_frame_of_no_size(void **state) {
   (void)state;
   static const int sides[] = {0, -1, 8193, INT32_MAX, INT32_MIN};

@@ -90,11 +90,14 @@ static void check_ends(const struct ern_grid *grid) {
   free(f);
   free(table);
 }
+/* case: pairs of 0, -0, 1, -1, one ulp more and less, NaN, infinity, denormal | plain code: reads beyond the last cell
+ * | here: inside: weights sum to 1; outside: 0 | bound: 8 x 2^-23 */
 static void test_coordinates_at_the_ends_long(void **state) {
   (void)state;
   each_grid(check_ends);
 }
 
+/* case: one ulp outside the cube | plain code: clamped or wrapped | here: 0, no gradient | bound: exact */
 /* One ulp outside is outside: the entry beyond the last cell is another cell's. */
 static void test_coordinate_one_ulp_outside(void **state) {
   (void)state;
@@ -124,11 +127,13 @@ static void check_no_number(const struct ern_grid *grid) {
   for (int d = 0; d < grid->dims; d++) expect_within("dx", look.dx[d], 0, 0);
   free(table);
 }
+/* case: NaN, infinity, FLT_MAX | plain code: `(uint32_t)NaN` is an index | here: 0; no gradient | bound: exact */
 static void test_coordinate_that_is_no_number(void **state) {
   (void)state;
   each_grid(check_no_number);
 }
 
+/* case: -0 and the smallest denormal beside 0 | plain code: the sign picks a cell | here: as 0 | bound: exact, 1e-9 */
 static void test_coordinate_minus_zero(void **state) {
   (void)state;
   const float x[6] = {0, -0.0f, -FLT_TRUE_MIN, 0, -0.0f, FLT_TRUE_MIN};
@@ -145,6 +150,8 @@ static void test_coordinate_minus_zero(void **state) {
   free(table);
 }
 
+/* case: a level of 2^20 cells: an eighth of a cell is lost | plain code: values outside the corners' | here: weights in
+ * [0, 1] | bound: 8 x scale x 2^-23 */
 /* p = u scale + 1/2 has 2^-23 scale of error: at 2^20, the finest that can be built, an eighth of a cell. A value stays
  * between those of the corners, as float and double are at most that far apart on a surface of gradient 2 a cell. */
 static void test_level_positions_lose_the_cell(void **state) {
@@ -184,6 +191,8 @@ static void check_borders(const struct ern_grid *grid) {
                   steepest * grid->levels * grid->features);
   free(table);
 }
+/* case: on borders of cells, one ulp beside | plain code: cell and weight from different roundings | here: both from
+ * one rounded position | bound: within the table's range */
 static void test_coordinates_on_cell_borders(void **state) {
   (void)state;
   each_grid(check_borders);
@@ -205,11 +214,15 @@ static void check_huge(const struct ern_grid *grid) {
   expect_within("dtable of 1e30", look.dtable, 0, 36e30);
   free(table);
 }
+/* case: tables of 1e38 and denormals, gradients of 1e30 | plain code: differences overflow | here: products with
+ * weights in [0, 1] only | bound: within the table's range */
 static void test_tables_of_huge_and_denormal_values(void **state) {
   (void)state;
   each_grid(check_huge);
 }
 
+/* case: 2^20 gradients into one cell | plain code: sums in float lose 2^-4 | here: the same: entries share a batch,
+ * AdamW divides by the gradient's size | bound: 2^-4 */
 /* A batch whose samples lie in one cell: 2^20 gradients into the same four entries of a level, in float, in order. Each
  * sum is rounded 2^20 times at most, by 2^-24 of what it has come to: 2^-4 in the worst case, where all round alike. */
 static void test_million_gradients_into_one_cell(void **state) {
@@ -227,6 +240,8 @@ static void test_million_gradients_into_one_cell(void **state) {
   free(table);
 }
 
+/* case: no point, one point | plain code: a full register is read | here: nothing touched, one written | bound: exact
+ */
 static void test_no_point_and_one_point(void **state) {
   (void)state;
   const float x[3] = {0.25f, -0.25f, 0.75f};
@@ -238,6 +253,7 @@ static void test_no_point_and_one_point(void **state) {
   free(table);
 }
 
+/* case: boxes of 1e-30 and 1e30 | plain code: x + b leaves float | here: u is 0 and 1 at the ends | bound: 8 x 2^-23 */
 /* Boxes so small or large that 2 b or x + b are at the ends of float. */
 static void test_tiny_and_huge_box(void **state) {
   (void)state;

@@ -71,6 +71,8 @@ static void expect_plain(const char *host) {
   }
 }
 
+/* case: denormals are 0, as with `-ffast-math` | plain code: a focal length of 1e-39 is refused | here: kept | bound:
+ * same bytes */
 static void test_host_that_flushes_denormals(void **state) {
   (void)state;
   fesetenv(FE_DFL_ENV); /* a failure before may have left another */
@@ -85,6 +87,8 @@ static void test_host_that_flushes_denormals(void **state) {
 #endif
 }
 
+/* case: rounds up, down, to zero | plain code: light of 1e-30 becomes 2e-7 (AVX2) | here: to nearest | bound: same
+ * bytes */
 static void test_host_that_rounds_otherwise_long(void **state) {
   (void)state;
   fesetenv(FE_DFL_ENV); /* a failure before may have left another */
@@ -101,6 +105,8 @@ static void test_host_that_rounds_otherwise_long(void **state) {
   }
 }
 
+/* case: traps NaN, infinity, underflow, division by 0 | plain code: `1/d` along an axis ends the program | here: not
+ * trapped; the caller's flags stay | bound: same bytes */
 static void test_host_that_traps(void **state) {
   (void)state;
   fesetenv(FE_DFL_ENV); /* a failure before may have left another */
@@ -129,6 +135,7 @@ static void expect_commas(const char *path, size_t of_a_line) {
   free(text);
 }
 
+/* case: a locale that writes 0,5 | plain code: `{"loss": 0,5}` | here: points | bound: same bytes */
 static void test_host_that_writes_commas(void **state) {
   (void)state;
   char half[8];

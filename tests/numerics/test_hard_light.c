@@ -110,6 +110,8 @@ static void expect_true_light(size_t most_samples) {
   expect_truth("depth", light.depth, r, FLT_MIN);
 }
 
+/* case: sigma dt from 1e-30 to 1e30 | plain code: `1 - exp(-tau)` is 0 below tau = 6e-8 | here: `-expm1(-tau)` and
+ * `exp(-tau)` | bound: 14 x 2^-23 of the value */
 /* sigma*dt from 1e-30 to 1e30, each alone on its ray; both small and large factors of it. */
 static void test_optical_depth_from_1e_minus_30_to_1e30(void **state) {
   (void)state;
@@ -126,6 +128,8 @@ static void test_optical_depth_from_1e_minus_30_to_1e30(void **state) {
   expect_at("opacity of 1e30", light.opacity, 3 * 60, 1, 0);
 }
 
+/* case: sigma to infinity, dt = 1e5 | plain code: `inf * 0` | here: alpha is 1, the rest of the light 0 | bound:
+ * exactly 1 */
 static void test_density_overflows_the_optical_depth(void **state) {
   (void)state;
   begin();
@@ -138,6 +142,8 @@ static void test_density_overflows_the_optical_depth(void **state) {
   expect_at("opacity of nothing", light.opacity, 0, 0, 0);
 }
 
+/* case: the transmittance underflows: 64 samples of tau 90 | plain code: logarithms of 0, 0/0 | here: a product that
+ * ends at the stop, no division | bound: opacity 1, 392 x 2^-23 */
 /* Products of light that underflow: 1e-4 is passed at once, or never, as each sample lets through just more than it. */
 static void test_transmittance_underflows(void **state) {
   (void)state;
@@ -152,6 +158,8 @@ static void test_transmittance_underflows(void **state) {
   for (size_t r = 0; r < 33; r++) expect_at("opacity", light.opacity, r, 1, rounding(64));
 }
 
+/* case: alpha rounds to 1, tau 9 to 1000 | plain code: `1/(1 - alpha)` infinite | here: `exp(-tau)` is kept beside
+ * alpha | bound: 20 x 2^-23 */
 /* exp(-tau) rounds to 0 against 1 from tau = 17.4 on, and to 0 itself from 104 on. */
 static void test_alpha_rounds_to_one(void **state) {
   (void)state;
@@ -166,6 +174,8 @@ static void test_alpha_rounds_to_one(void **state) {
     expect_at("dsigma behind", light.dsigma, 2 * i + 1, 0, 0);
 }
 
+/* case: 1,024 opaque samples, sigma = 5.5e34 | plain code: denormals, 100 times the time | here: ends at T < 1e-4;
+ * gradients behind are 0 | bound: opacity exactly 1 */
 static void test_ray_of_1024_opaque_samples(void **state) {
   (void)state;
   begin();
@@ -180,6 +190,8 @@ static void test_ray_of_1024_opaque_samples(void **state) {
   expect_at("dsigma behind", light.dsigma, 1023, 0, 0);
 }
 
+/* case: a fog of 1,024 samples of tau 1e-9 to 1e-7 | plain code: it vanishes or doubles | here: `expm1` keeps each
+ * weight | bound: 6152 x 2^-23 of 1 - exp(-1024 tau) */
 /* 1 - exp(-tau) has no digits left below tau = 6e-8: a fog of 1,024 such samples would be nothing, or twice itself. */
 static void test_ray_of_1024_thin_samples(void **state) {
   (void)state;
@@ -198,6 +210,8 @@ static void test_ray_of_1024_thin_samples(void **state) {
   }
 }
 
+/* case: a ray that ends at a wall, densities over 12 decades | plain code: weights sum to more than 1 | here: to 1 less
+ * what the stop leaves out | bound: 554 x 2^-23 + 1e-4 */
 /* The weights of a ray are a partition of the light: what goes in is out again. */
 static void test_weights_and_rest_are_one(void **state) {
   (void)state;
@@ -211,6 +225,8 @@ static void test_weights_and_rest_are_one(void **state) {
   for (size_t r = 0; r < 40; r++) expect_at("opacity", light.opacity, r, 1, rounding(91) + (double)stop);
 }
 
+/* case: gradients through an opaque sample | plain code: `-T/(1 - alpha)` is 0/0 | here: the sum behind is taken from
+ * the back | bound: 960 x 2^-23 of dt */
 /* (1 - w) in the denominator is 0 behind an opaque sample: ours is a sum from the back. */
 static void test_gradient_through_an_opaque_sample(void **state) {
   (void)state;
@@ -226,6 +242,8 @@ static void test_gradient_through_an_opaque_sample(void **state) {
   expect_truth("drgb", light.drgb, rounding(12), FLT_MIN);
 }
 
+/* case: rays without samples, a batch without rays | plain code: mean over none, sample -1 | here: background, opacity
+ * 0 | bound: exact */
 static void test_rays_without_samples(void **state) {
   (void)state;
   begin();
@@ -244,6 +262,8 @@ static void test_rays_without_samples(void **state) {
   expect_within("no ray", light.opacity, 0, 0);
 }
 
+/* case: lanes differ: thin, opaque, empty, spent | plain code: an early end stops neighbours | here: each ray has its
+ * own end | bound: 146 x 2^-23 */
 /* Neighbours in a register differ: thin, opaque, empty, long, spent, and one that is no number. */
 static void test_lanes_differ(void **state) {
   (void)state;
@@ -263,6 +283,7 @@ static void test_lanes_differ(void **state) {
   expect_truth("dsigma", light.dsigma, 0, 12 * rounding(23));
 }
 
+/* case: one density is NaN | plain code: spreads by masks of 0 | here: its ray is NaN and no other | bound: exact */
 /* One density that is no number: its ray shows it, and no other does. */
 static void test_nan_stays_in_its_ray(void **state) {
   (void)state;
@@ -280,6 +301,8 @@ static void test_nan_stays_in_its_ray(void **state) {
   }
 }
 
+/* case: sigma dt is denormal | plain code: flushed or not | here: opacity at most that, never negative | bound: 1.2e-38
+ */
 /* Densities and steps so small that products are denormal: nothing is drawn, nothing is undefined. */
 static void test_denormal_optical_depth(void **state) {
   (void)state;

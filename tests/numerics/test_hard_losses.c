@@ -93,6 +93,8 @@ static void softmax_of(float each, size_t spike_at, float spike) {
   expect_all_gradients();
 }
 
+/* case: softmax over 65,536 equal values | plain code: the sum loses 2^-8 | here: `exp(u - max)`, sum in double |
+ * bound: each weight 1, 30 x 2^-23 */
 static void test_softmax_over_65536_equal_values(void **state) {
   (void)state;
   softmax_of(0.1f, MOST, 0);
@@ -102,6 +104,7 @@ static void test_softmax_over_65536_equal_values(void **state) {
   }
 }
 
+/* case: the same of 88, 1e3, 1e30 | plain code: inf/inf | here: `exp(u - max)` is 1 | bound: 30 x 2^-23 */
 static void test_softmax_over_65536_huge_values(void **state) {
   (void)state;
   static const float huge[] = {88, 1e3f, 1e10f, 1e30f};
@@ -112,6 +115,8 @@ static void test_softmax_over_65536_huge_values(void **state) {
   }
 }
 
+/* case: a single spike of 200 or 1e30 | plain code: infinite, or a step of weight 65,536 | here: share 1, weight
+ * clamped at 8.2, others 0.6 | bound: 16 x 2^-23 */
 /* One ray has all of the softmax: its weight is clamped at 0.2 + 0.8 * 10, the others have 0.2 + 0.8 (1 - s). */
 static void test_softmax_with_a_single_spike(void **state) {
   (void)state;
@@ -124,6 +129,7 @@ static void test_softmax_with_a_single_spike(void **state) {
   }
 }
 
+/* case: a batch of one ray, of none | plain code: mean over 0 | here: all terms 0 | bound: exact */
 static void test_softmax_of_one_ray_and_of_none(void **state) {
   (void)state;
   usual(1);
@@ -135,6 +141,8 @@ static void test_softmax_of_one_ray_and_of_none(void **state) {
     for (int t = ERN_LOSS_PHOTOMETRIC; t <= ERN_LOSS_EYE_AMBIENT; t++) assert_true(batch.terms[k][t] == 0);
 }
 
+/* case: entropy at 0, -0, 1, denormal, beyond | plain code: `0 log 0` | here: clamped to [1e-5, 1 - 1e-5], no gradient
+ * beyond | bound: slope to 16.7, entropy of 1e-5 at the ends */
 /* -w log2 w at w = 0 is 0 times infinity; log2((1 - w)/w) is infinite at both ends. */
 static void test_entropy_at_0_and_1(void **state) {
   (void)state;
@@ -155,6 +163,8 @@ static void test_entropy_at_0_and_1(void **state) {
     assert_true(fabs(batch.terms[k][ERN_LOSS_ENTROPY] / 1e-4 - 1.8052e-4) < 2e-6);
 }
 
+/* case: uncertainty of 0 to 1e30 | plain code: beta^3 overflows at 1e13 | here: quotients in turn, `log1p` | bound: 16
+ * x 2^-23 */
 static void test_uncertainty_of_zero_and_1e30(void **state) {
   (void)state;
   static const float u[] = {0, FLT_TRUE_MIN, 1e-30f, 1e-8f, 1, 1e10f, 1e19f, 1e20f, 1e30f};
@@ -168,6 +178,8 @@ static void test_uncertainty_of_zero_and_1e30(void **state) {
   expect_truth("duncertainty", batch.duncertainty, 0, 16 * 0x1p-23 / 90);
 }
 
+/* case: an error of exactly 0 | plain code: slope of `sqrt(0)` | here: no gradient through the root | bound: exactly 0
+ */
 /* sqrt(0) has no gradient; the error itself has no gradient, the squares have one. */
 static void test_error_of_zero(void **state) {
   (void)state;
@@ -180,6 +192,8 @@ static void test_error_of_zero(void **state) {
   for (int k = 0; k < machines.count; k++) assert_true(batch.terms[k][ERN_LOSS_PHOTOMETRIC] == 0);
 }
 
+/* case: attention of 0 and 1e18 | plain code: sums overflow | here: products of two, sums in double | bound: 30 x 2^-23
+ */
 static void test_attention_of_zero_and_1e18(void **state) {
   (void)state;
   usual(65);
@@ -215,6 +229,8 @@ static void expect_mse(double expected, double relative) {
       fail_msg("%s: found %.12g, expected %.12g", machines.name[k], mse_terms[k], expected);
 }
 
+/* case: means over 2^22 rays; one large among millions of small | plain code: a float stops at 2^24 terms | here:
+ * double; a device 1,024 terms a sum | bound: 3078 x 2^-24, on a CPU 1e-9 */
 /* In one float, 12 million squares of 0.01 stop growing at 2^17 * ..; the CPU sums in double, a device in 64 parts of
  * 64 sums each: 2^22/4096 = 1,024 terms a sum, then 6 halvings, then double. */
 static void test_mean_over_four_million_rays_long(void **state) {
@@ -235,6 +251,8 @@ static void test_mean_over_four_million_rays_long(void **state) {
   free(truth);
 }
 
+/* case: squares of 1e-30 and 1e37 | plain code: 0 and infinite | here: double; a device scales them | bound: 64 x 2^-23
+ */
 static void test_squares_that_leave_float(void **state) {
   (void)state;
   static const float sizes[] = {1e-30f, 1e-22f, 1e15f, 1e25f, 1e37f};
@@ -249,6 +267,8 @@ static void test_squares_that_leave_float(void **state) {
   for (int k = 0; k < machines.count; k++) assert_true(mse_terms[k] == 0);
 }
 
+/* case: smoothness of points one ulp and 1e30 apart | plain code: the square is 0 or infinite | here: as above | bound:
+ * 64 x 2^-23 */
 /* The smoothness of what moved by one ulp, and by 1e30. */
 static void test_smoothness_of_hardly_and_far_moved(void **state) {
   (void)state;

@@ -29,6 +29,7 @@ static void add_up(double dpose[MACHINES][ERN_POSE_PARAMETERS], size_t n, float 
   }
 }
 
+/* case: a pose's gradient of a batch without a sample | plain code: a sum never set | here: 0 | bound: exact */
 static void test_pose_without_a_sample(void **state) {
   (void)state;
   double dpose[MACHINES][ERN_POSE_PARAMETERS];
@@ -37,6 +38,8 @@ static void test_pose_without_a_sample(void **state) {
     for (int i = 0; i < ERN_POSE_PARAMETERS; i++) assert_true(dpose[k][i] == 0);
 }
 
+/* case: gradients of positions of 1e35, 1e30, 1e-30, 1e-42 | plain code: sums in float overflow | here: double on a
+ * CPU, 4,096 parts on a device | bound: 22 x 2^-23 of the sizes' sum */
 /* Sums of 200 in floats: 2^-23 of the sizes' sum for each of 4 + 16 additions and 2 products. */
 static void test_pose_of_huge_and_denormal_gradients(void **state) {
   (void)state;
@@ -51,6 +54,8 @@ static void test_pose_of_huge_and_denormal_gradients(void **state) {
   }
 }
 
+/* case: one gradient is NaN | plain code: passed over by a clamp | here: the sums that it is in are NaN, no others |
+ * bound: exact */
 static void test_pose_with_a_nan_gradient(void **state) {
   (void)state;
   double dpose[MACHINES][ERN_POSE_PARAMETERS];
@@ -71,6 +76,8 @@ static ern_trainer *refining(struct made *m) {
   return trainer;
 }
 
+/* case: a pose's gradient of 0, 1e-300, 1e300 | plain code: 0/0 | here: the row stays, or moves by three times its rate
+ * at most | bound: 1e-6 */
 /* A visit moves a row by three times its rate at most, 0.18 degrees and 0.9 mm at 4 units a metre, and a tenth of the
  * way to its neighbours. */
 static void test_row_of_huge_and_tiny_gradients(void **state) {
@@ -104,6 +111,8 @@ static ern_status broken_step(struct ern_stream *stream, struct ern_head_step_ar
   return status;
 }
 
+/* case: a pose's gradient of NaN | plain code: the pose is NaN for good | here: ends the step by the frame, with all
+ * values of before | bound: exact */
 /* It ends the step before anything of it is kept. */
 static void test_gradient_of_a_pose_that_is_no_number(void **state) {
   (void)state;
@@ -126,6 +135,8 @@ static void test_gradient_of_a_pose_that_is_no_number(void **state) {
   made_close(&m);
 }
 
+/* case: regression of rows on poses from 0 and 1e-42 to 1e38, 1 to 12 frames | plain code: a matrix without an inverse
+ * | here: double, numbers limited to 1e30, a ridge | bound: at most 1e30 */
 /* Poses of entries from 0 to 1e38, rows to 1e30: what is predicted for each, and for others, is finite. */
 static void test_regression_of_extreme_poses(void **state) {
   (void)state;

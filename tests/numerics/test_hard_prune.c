@@ -48,6 +48,8 @@ static double depth_of(uint32_t cell) {
   return 0.5 - (((double)ern_morton_gather(cell >> 1) + 0.5) / (ERN_OCCUPANCY_SIDE / 2) - 1);
 }
 
+/* case: pruning where the density is 1 everywhere | plain code: cells of another axis | here: the cells down to the
+ * equation's depth | bound: a step and a cell */
 /* Where all parameters are 0 the density is exp(0) = 1 everywhere, so sample i of a ray has the weight
  * w_i = (1 - e^-dt) e^(-i dt), of which the first is the largest. */
 static void test_cells_of_a_constant_density(void **state) {
@@ -79,6 +81,8 @@ static void test_cells_of_a_constant_density(void **state) {
   made.data.focal = 48;
 }
 
+/* case: pruning by shares of 1e-6 to 1; NaN densities; an empty grid | plain code: NaN drops every cell | here: no more
+ * cells for a larger share; cells of NaN stay; an empty grid stays empty | bound: exact */
 /* A larger share leaves fewer cells, and none that a smaller one does not; a NaN keeps what it is in; nothing occupied
  * stays so. */
 static void test_prune_shares(void **state) {
@@ -140,6 +144,8 @@ static void train_on(const char *output, bool resume, uint64_t steps, ern_train_
   ern_trainer_free(&t);
 }
 
+/* case: stopped at 33 to 36 of 40 steps, pruned at 34, 2 frames a step, refined, 1 and 2 threads | plain code: pruned
+ * twice or never | here: as in one go | bound: same bytes */
 static void test_resumed_pruning(void **state) {
   (void)state;
   ern_train_config config = pruned_config();
@@ -157,6 +163,8 @@ static void test_resumed_pruning(void **state) {
   assert_true(said.prune_share == config.prune_share);
 }
 
+/* case: a pruned training resumed for 160 more steps | plain code: a grid that stays pruned | here: refreshed again,
+ * and pruned again later | bound: exact */
 /* A training that is resumed for longer refreshes the grid again, and prunes it again late. */
 static void test_pruning_resumed_for_longer(void **state) {
   (void)state;
@@ -180,6 +188,7 @@ static void test_pruning_resumed_for_longer(void **state) {
   ern_trainer_free(&t);
 }
 
+/* case: a share of -0.1, 1.1, NaN, infinity | plain code: no cell left | here: refused by name | bound: exact */
 static void test_refused_prune_share(void **state) {
   (void)state;
   static const float wrong[] = {-0.1f, 1.1f, NAN, INFINITY};

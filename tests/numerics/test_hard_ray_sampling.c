@@ -59,6 +59,8 @@ static void expect_counts(const int count[PIXELS], ern_box box, double share) {
   }
 }
 
+/* case: a lower face past all borders, of one pixel, of INT_MIN to INT_MAX | plain code: remainder by 0, overflow |
+ * here: what the picture has of it, at its share | bound: 6 standard deviations of each pixel's count */
 static void test_share_of_the_lower_face(void **state) {
   (void)state;
   static const ern_box cases[] = {
@@ -71,6 +73,8 @@ static void test_share_of_the_lower_face(void **state) {
   }
 }
 
+/* case: a head for dubbing: the shown box inside, past the borders, empty | plain code: rays of one box lost | here:
+ * each box at its share, others anywhere | bound: 6 standard deviations of each pixel's count */
 /* Of a head for dubbing: two boxes, each with its share, whether or not the other one is known. */
 static void test_shares_of_a_dubbed_face(void **state) {
   (void)state;
@@ -92,6 +96,8 @@ static void test_shares_of_a_dubbed_face(void **state) {
   }
 }
 
+/* case: eyes likewise; a clip without eye values | plain code: as above | here: their share beside the lower face's;
+ * the rays without eyes | bound: 6 standard deviations of each pixel's count; exact */
 /* Eyes have a share of their own beside the lower face's, where the clip has eye values. */
 static void test_share_of_the_eyes(void **state) {
   (void)state;
@@ -134,6 +140,9 @@ static ern_status give_head(void *user, int split, size_t index, const uint8_t *
   return ERN_OK;
 }
 
+/* case: a head and its edge of no pixel, all, first, last, a row, a column, every seventh | plain code: an endless
+ * search | here: their shares; without such a pixel the rays without it | bound: 6 standard deviations of each pixel's
+ * count; exact */
 /* Pixels of a head, and of its edge, of which neither 0 nor 255 is told, have shares of their own beside those of lower
  * face and eyes. Without such pixels the rays are those without a head. */
 static void test_shares_of_the_head(void **state) {
@@ -176,6 +185,8 @@ static void test_shares_of_the_head(void **state) {
   made.data.head = NULL;
 }
 
+/* case: no face in the frame; a lower face upside down or without a pixel | plain code: rays lost | here: uniform rays
+ * | bound: exact */
 /* A lower face that is not known, or without a pixel: the very rays of uniform sampling, which are those of the counter
  * of random numbers. */
 static void test_no_face_in_the_frame(void **state) {
@@ -198,6 +209,8 @@ static void test_no_face_in_the_frame(void **state) {
   }
 }
 
+/* case: a torso, and `uniform`, in a frame with a face | plain code: bytes that are not the published ones | here: the
+ * face is not looked at | bound: exact */
 /* The paper's own sampling does not look at it, and neither does a torso, which the head hides there. */
 static void test_uniform_and_torso(void **state) {
   (void)state;
@@ -243,6 +256,9 @@ static ern_status frame_with_eyes(void *user, int split, size_t index, ern_datas
   return status;
 }
 
+/* case: one frame of four with shut eyes, none, all; no eye values; `uniform` | plain code: a choice among none | here:
+ * drawn at its share more; each alike; the published frames | bound: 6 standard deviations of each frame's count; exact
+ */
 /* The last frame's eyes are shut: it is drawn so much more often. Where no eye is shut, or all are, each frame is as
  * likely as another; and so it is with uniform rays. */
 static void test_frames_with_shut_eyes(void **state) {
@@ -300,6 +316,8 @@ static ern_train_report step_of(int frames_per_step, size_t begin, size_t end) {
   return report;
 }
 
+/* case: 10 rays of one frame in 1, 3 and 10 parts | plain code: a ray lost or met twice | here: the same rays | bound:
+ * 1e-9; 1e-5 dB */
 /* Of one frame the parts have the rays of the whole: 3, 3 and 4. */
 static void test_parts_of_one_frame(void **state) {
   (void)state;
@@ -311,6 +329,8 @@ static void test_parts_of_one_frame(void **state) {
   assert_true(fabs(parts.psnr - whole.psnr) < 1e-5 && fabs(each.psnr - whole.psnr) < 1e-5);
 }
 
+/* case: a step of 1 and of 8 frames | plain code: the same frame each time | here: each part draws its own | bound: one
+ * frame and that of the refresh; 3 of 4 at least */
 /* Each part draws its own frame. */
 static void test_frames_of_a_step(void **state) {
   (void)state;
@@ -334,6 +354,8 @@ static void train_on(const char *output, bool resume, uint64_t steps, ern_train_
   ern_trainer_free(&trainer);
 }
 
+/* case: 3 frames a step, refined, stopped at step 5 of 12, 1 and 2 threads | plain code: another order of sums | here:
+ * as in one go | bound: same bytes */
 /* With poses refined, and a resume in the middle: the same bytes for any number of threads. */
 static void test_resumed_parts(void **state) {
   (void)state;

@@ -87,6 +87,8 @@ static int32_t samples_of(size_t ray) {
 
 static const struct ern_march_settings even = {.bound = 1, .max_steps = 1024, .dt_gamma = 1, .near = 0.05f};
 
+/* case: along an axis, both ways | plain code: `0 * (1/0)` is NaN | here: infinite distances order as they should |
+ * bound: same bits */
 static void test_ray_along_an_axis(void **state) {
   (void)state;
   fill(false), begin();
@@ -101,6 +103,8 @@ static void test_ray_along_an_axis(void **state) {
   }
 }
 
+/* case: components 0, -0 and denormal | plain code: the sign of 1/d swaps near and far | here: sorted by comparison,
+ * steps by the sign bit | bound: same bits, inside the box */
 /* Components of zero of either sign: 1/d is infinite, its products with a way of 0 are no numbers. */
 static void test_zero_direction_components(void **state) {
   (void)state;
@@ -117,6 +121,8 @@ static void test_zero_direction_components(void **state) {
   }
 }
 
+/* case: on borders, faces and edges of cells | plain code: an endless loop | here: always on to the next candidate
+ * distance (docs/maths.md) | bound: same bits; 30 samples and more where the way is full */
 /* Within the plane that two cells share, and along their edge. */
 static void test_ray_on_a_cell_border(void **state) {
   (void)state;
@@ -132,6 +138,8 @@ static void test_ray_on_a_cell_border(void **state) {
   }
 }
 
+/* case: within the plane of a face of the box | plain code: `0 * inf` decides | here: misses; from a face inwards it
+ * hits | bound: exact */
 /* In a face, (side - origin)/0 is 0/0. Such a ray misses the box: it has no volume there. */
 static void test_ray_within_a_face(void **state) {
   (void)state;
@@ -146,6 +154,8 @@ static void test_ray_within_a_face(void **state) {
   assert_true(samples_of(0) > 60 && samples_of(1) == 0 && samples_of(2) > 20);
 }
 
+/* case: through the corners, from a corner | plain code: near > far by one rounding | here: hits inwards, misses
+ * outwards | bound: same bits */
 static void test_ray_through_corners(void **state) {
   (void)state;
   fill(false), begin();
@@ -165,6 +175,8 @@ static void test_ray_through_corners(void **state) {
   }
 }
 
+/* case: starts inside, one ulp inside or outside a face | plain code: samples behind the camera | here: starts at the
+ * near plane | bound: t >= 0.05, same bits */
 static void test_ray_that_starts_inside(void **state) {
   (void)state;
   fill(false), begin();
@@ -181,6 +193,8 @@ static void test_ray_that_starts_inside(void **state) {
   go(nextafterf(1, 2), nextafterf(0.5f, 1), 0, &usual);
 }
 
+/* case: directions of NaN, infinity, FLT_MAX | plain code: `(int)NaN` is a cell | here: no sample; neighbours untouched
+ * | bound: exact */
 static void test_direction_that_is_no_number(void **state) {
   (void)state;
   static const float odd[] = {NAN, INFINITY, -INFINITY, FLT_MAX, -FLT_MAX, 1e-30f};
@@ -195,6 +209,8 @@ static void test_direction_that_is_no_number(void **state) {
   for (size_t r = 1; r < 9; r += 4) assert_int_equal(samples_of(r), 0);
 }
 
+/* case: a direction of length 0 or denormal | plain code: never leaves the box | here: ends after 4 bounds of distance,
+ * misses from outside | bound: at most max_steps samples */
 static void test_direction_of_length_zero(void **state) {
   (void)state;
   fill(false), begin();
@@ -205,6 +221,8 @@ static void test_direction_of_length_zero(void **state) {
   assert_true(samples_of(4) > 60);
 }
 
+/* case: an origin 1e3 to infinity away | plain code: `t + dt = t`: endless | here: ends where t does not grow | bound:
+ * same bits */
 /* From where t + dt = t, or the way to the box is infinite. */
 static void test_origin_far_away(void **state) {
   (void)state;
@@ -218,6 +236,8 @@ static void test_origin_far_away(void **state) {
   }
 }
 
+/* case: steps 1 to 1,024, gamma 0 to 1e30, jitter 1 - ulp | plain code: dt of 0, or over the head | here: dt in 2
+ * sqrt(3)/1024 to 2 sqrt(3)/128 | bound: same bits */
 static void test_largest_and_smallest_steps(void **state) {
   (void)state;
   static const float gammas[] = {0, FLT_TRUE_MIN, 1 / 256.0f, 1, 1e30f};
@@ -238,6 +258,8 @@ static void test_largest_and_smallest_steps(void **state) {
   expect_int32s("shortest steps", march.count, 590, 593); /* 2 / (2 sqrt(3)/1024) */
 }
 
+/* case: focal lengths 1e-30 to 3e38, centres to 3e38 | plain code: x/length is inf/inf | here: unit length, or 0 where
+ * x^2 is no float | bound: 1 + 1e-6 */
 /* A camera's rays: unit length or, where x^2 + y^2 does not fit a float, 0; the same bits everywhere. */
 static void test_camera_without_a_view(void **state) {
   (void)state;

@@ -28,6 +28,8 @@ static void scale_features(struct made_speech *s, float scale) {
     s->features.data[i] *= scale;
 }
 
+/* case: features times 2^90, 2^40, 2^-20 | plain code: squares leave float | here: the same frames at rest: double, a
+ * relative level | bound: exact */
 /* A power of two changes no digit of what is computed in double. */
 static void test_silence_in_features_of_any_size(void **state) {
   (void)state;
@@ -51,6 +53,7 @@ static void test_silence_in_features_of_any_size(void **state) {
   ern_context_free(&context);
 }
 
+/* case: features that never change | plain code: 0/0 | here: refused: they tell nothing apart | bound: 0.0 dB */
 /* Features that never change, and those that are all 0, tell nothing; and say so. */
 static void test_silence_in_features_that_stand_still(void **state) {
   (void)state;
@@ -66,6 +69,8 @@ static void test_silence_in_features_that_stand_still(void **state) {
   ern_context_free(&context);
 }
 
+/* case: loudness of -infinity, -3e38, NaN, +-infinity in turn | plain code: infinite means | here: levels end 60 dB
+ * under a loud frame; NaN is not quiet; nothing but such is refused | bound: exact */
 /* Digital silence has no level in dB; a meter that failed says NaN: such a frame counts as loud. */
 static void test_silence_of_loudness_without_end(void **state) {
   (void)state;
@@ -92,6 +97,8 @@ static void test_silence_of_loudness_without_end(void **state) {
   ern_context_free(&context);
 }
 
+/* case: frames that took NaN, 0, -1, 1e-300, 1e300 ms | plain code: the mean never comes back | here: passed over or
+ * held near the mean; the rate is held again after two seconds | bound: setting of before */
 /* After minutes of nonsense, two seconds of usual frames bring back what held before. */
 static void test_rate_of_a_clock_gone_wrong(void **state) {
   (void)state;

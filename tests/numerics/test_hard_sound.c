@@ -27,6 +27,8 @@ static size_t hear(const float *samples, size_t count, float rows[ROWS * WIDTH])
   return made;
 }
 
+/* case: a sound of zeros, denormals, a constant | plain code: logarithm of 0; 0/0 | here: a level of at least -50 dB, a
+ * floor of 0.001 of it, a row's mean taken off | bound: values under 20; the same as of zeros */
 /* Zeros, values that are 0 when squared, and a constant are all the same: nothing is heard. */
 static void test_sound_of_nothing(void **state) {
   (void)state;
@@ -41,6 +43,8 @@ static void test_sound_of_nothing(void **state) {
   }
 }
 
+/* case: full scale at half the rate, single samples, a million times full scale | plain code: powers out of range |
+ * here: features relative to the level | bound: 1e-3 */
 /* Full scale at half the rate, single samples of it, and 120 dB over it: features do not depend on the gain. */
 static void test_sound_of_full_scale(void **state) {
   (void)state;
@@ -54,6 +58,8 @@ static void test_sound_of_full_scale(void **state) {
   }
 }
 
+/* case: a sound of one sample, of a row and one more or less | plain code: a row of no samples | here: zeros behind the
+ * sound | bound: one row for each 20 ms begun */
 /* One sample, and one more or less than a row's. */
 static void test_sound_of_one_sample(void **state) {
   (void)state;
@@ -63,6 +69,8 @@ static void test_sound_of_one_sample(void **state) {
   for (size_t c = 0; c < 4; c++) (void)hear(samples, counts[c], rows);
 }
 
+/* case: a NaN, infinity, 1e7 in a sound | plain code: the level is lost | here: refused with its time; rows before it
+ * stay | bound: exact */
 /* What is no number is refused with its time, and what was pushed before it stays. */
 static void test_sound_with_a_nan(void **state) {
   (void)state;

@@ -52,6 +52,8 @@ static void expect_painted(const struct painted *p) {
 /* Networks of 32 units, inputs of sines: some hundred roundings of 2^-23 of numbers of about 1. */
 static const double NETS = 256 * 0x1p-23;
 
+/* case: a torso's picture of 1 x 1, 1 x 17, 49 x 33 .. | plain code: writes past an edge | here: as the stages | bound:
+ * 256 x 2^-23 */
 static void test_painted_odd_sizes_long(void **state) {
   (void)state;
   static const int sides[][2] = {{1, 1}, {1, 17}, {17, 1}, {3, 5}, {4, 4}, {15, 16}, {49, 33}, {97, 2}};
@@ -66,6 +68,8 @@ static void test_painted_odd_sizes_long(void **state) {
   }
 }
 
+/* case: its alpha and colours driven to 1e36 | plain code: `exp(-x)` infinite | here: 1.001 and -0.001 | bound: 2^-22
+ */
 /* Alpha and colours at both ends. */
 static void test_painted_saturated(void **state) {
   (void)state;
@@ -82,6 +86,8 @@ static void test_painted_saturated(void **state) {
   }
 }
 
+/* case: deformations of 1e5 to 1e36 | plain code: a cell number of 1e36 | here: end at the border | bound: 256 x 2^-23
+ */
 /* Deformations of up to 1e37 end at the border of the picture's square, in all directions. */
 static void test_painted_deformed_without_end(void **state) {
   (void)state;
@@ -96,6 +102,8 @@ static void test_painted_deformed_without_end(void **state) {
   }
 }
 
+/* case: each of its layers times 1e12 | plain code: infinities by folding | here: in [-0.002, 1.003] | bound: bounded
+ */
 static void test_painted_with_layers_of_1e12(void **state) {
   (void)state;
   const struct ern_mlp *const nets[] = {&passes.field.torso_deform, &passes.field.torso_net};
@@ -109,6 +117,8 @@ static void test_painted_with_layers_of_1e12(void **state) {
   }
 }
 
+/* case: its units off; weights of 1e-30 | plain code: -0, denormals | here: alpha and colours of 0.5 | bound: 4 x 2^-23
+ */
 static void test_painted_with_dead_and_denormal_layers(void **state) {
   (void)state;
   const struct ern_field *f = &passes.field;
@@ -124,6 +134,8 @@ static void test_painted_with_dead_and_denormal_layers(void **state) {
   }
 }
 
+/* case: one weight NaN; a place NaN | plain code: a cell of NaN | here: the chosen pixels are NaN; a place of NaN has
+ * features of 0 | bound: exact */
 /* One weight: all pixels of the torso; occupancy decides which these are. */
 static void test_painted_with_a_nan_among_the_weights(void **state) {
   (void)state;
@@ -157,6 +169,8 @@ static void test_painted_with_a_nan_among_the_weights(void **state) {
   expect_truth("pixel", p.pixel, NETS, NETS);
 }
 
+/* case: entries of its table NaN | plain code: a block of 16 pixels is NaN | here: the pixels that look at them |
+ * bound: exact */
 /* Entries of the table: the pixels that look at them, as the float reference finds them, and no other. */
 static void test_painted_with_a_nan_in_one_pixel(void **state) {
   (void)state;
@@ -186,6 +200,8 @@ static void test_painted_with_a_nan_in_one_pixel(void **state) {
   for (int k = 0; k < machines.count; k++) free(before[k]);
 }
 
+/* case: occupancy of NaN, +-infinity | plain code: comparisons choose by accident | here: the same pixels everywhere;
+ * NaN chooses none | bound: 256 x 2^-23 */
 /* Cells of NaN are not occupied, nor is what lies between one and another; which pixels are chosen is the same on all.
  */
 static void test_painted_occupancy_of_odd_values(void **state) {
@@ -202,6 +218,8 @@ static void test_painted_occupancy_of_odd_values(void **state) {
   }
 }
 
+/* case: camera in the key points' plane, points at infinity and 1e37 | plain code: X/0 | here: held | bound: in
+ * [-0.002, 1.003], 0.1 of double's */
 /* The camera in the plane of the key points, points at infinity and at 1e37, poses that are no rotations. */
 static void test_painted_key_points_without_a_projection(void **state) {
   (void)state;
@@ -219,6 +237,7 @@ static void test_painted_key_points_without_a_projection(void **state) {
   }
 }
 
+/* case: its table of 1e38 and 1e-42 | plain code: differences overflow | here: as the stages | bound: 2^-19 */
 static void test_painted_tables_of_huge_and_denormal_values(void **state) {
   (void)state;
   const struct ern_field *f = &passes.field;

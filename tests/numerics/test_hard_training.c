@@ -89,6 +89,8 @@ static ern_train_config fast_config(float times) {
   return config;
 }
 
+/* case: learning rates 100 times too high | plain code: densities overflow, then NaN | here: steps are bounded,
+ * densities and gradients clamped | bound: 20 steps, finite */
 /* 100 times: AdamW's steps are bounded by the rate, so nothing leaves float; what is learnt is another matter. */
 static void test_learning_rates_100_times_too_high_long(void **state) {
   (void)state;
@@ -96,6 +98,8 @@ static void test_learning_rates_100_times_too_high_long(void **state) {
   for (int k = 0; next_machine(&k, EACH);) assert_int_equal(train_hard(&config, 20), 20);
 }
 
+/* case: learning rates of 1,000, the highest allowed | plain code: the same, sooner | here: ended by the name of a loss
+ * or gradient, with the parameters of the step before | bound: finite parameters */
 /* The highest that are let through, 1,000: within some steps networks of 1e4 leave float, and the training ends. */
 static void test_learning_rates_of_1000(void **state) {
   (void)state;
@@ -108,6 +112,8 @@ static void test_learning_rates_of_1000(void **state) {
   }
 }
 
+/* case: a torso at 100 times its rates | plain code: key points cross the camera's plane | here: held off it | bound:
+ * 20 steps, finite */
 static void test_torso_at_learning_rates_100_times_too_high(void **state) {
   (void)state;
   ern_train_config config = fast_config(1);
@@ -135,6 +141,8 @@ static void expect_refused(const ern_train_config *config, ern_status status, co
   }
 }
 
+/* case: a pose of NaN, infinity, rank 2; a scale of NaN | plain code: NaN after hours | here: refused before the first
+ * step, with the frame | bound: exact */
 static void test_training_on_a_pose_that_is_no_pose(void **state) {
   (void)state;
   static const float broken[16] = {1, 0, 0, NAN, 0, 1, 0, 0, 0, 0, 1, 3, 0, 0, 0, 1};
@@ -153,6 +161,8 @@ static void test_training_on_a_pose_that_is_no_pose(void **state) {
   made.data.scale = 4;
 }
 
+/* case: mirrored and stretched poses, 1e20 away, in the middle | plain code: inverse by transposition | here: trained
+ * on | bound: 12 steps, finite */
 static void test_training_on_mirrored_and_stretched_poses_long(void **state) {
   (void)state;
   static const float poses[][16] = {{-1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0.8f, 0, 0, 0, 1},
@@ -167,6 +177,8 @@ static void test_training_on_mirrored_and_stretched_poses_long(void **state) {
   own_pose = NULL;
 }
 
+/* case: mirrored and stretched poses, 1e6 away, refined | plain code: a logarithm of no rotation | here: trained on |
+ * bound: 12 steps, finite */
 static void test_refining_mirrored_and_stretched_poses_long(void **state) {
   (void)state;
   static const float poses[][16] = {{-1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0.8f, 0, 0, 0, 1},
@@ -182,6 +194,8 @@ static void test_refining_mirrored_and_stretched_poses_long(void **state) {
   own_pose = NULL;
 }
 
+/* case: a feature of NaN or infinity | plain code: as above | here: refused before the first step, with window and
+ * place | bound: exact */
 static void test_training_on_a_feature_that_is_no_number(void **state) {
   (void)state;
   static const float odd[] = {NAN, INFINITY};
@@ -194,6 +208,8 @@ static void test_training_on_a_feature_that_is_no_number(void **state) {
   }
 }
 
+/* case: speech of zeros, 1e4, 1e30, 1e32 | plain code: NaN gradients are applied | here: trained on to 1e30, above
+ * refused before the first step | bound: 12 steps, finite */
 static void test_training_on_silent_and_huge_speech(void **state) {
   (void)state;
   static const float loud[] = {0, 1e4f, 1e30f, 1e32f};
@@ -211,6 +227,8 @@ static void test_training_on_silent_and_huge_speech(void **state) {
   memcpy(made.speech, kept, sizeof kept);
 }
 
+/* case: pictures all black, white, background, rates times 10 | plain code: log of an opacity of 0 or 1 | here: clamped
+ * before | bound: 18 steps, finite */
 /* Black, white, and pictures that are their background: opacities run to 0 and 1. */
 static void test_training_on_pictures_of_one_colour_long(void **state) {
   (void)state;
@@ -227,6 +245,8 @@ static void test_training_on_pictures_of_one_colour_long(void **state) {
   memcpy(made.truth, kept, sizeof kept);
 }
 
+/* case: one ray a step; one and 1,024 samples a ray | plain code: means over none | here: trained on | bound: 12 steps,
+ * finite */
 /* A batch of one ray, rays of one sample and of 1,024; cameras that see nothing of the box. */
 static void test_training_on_one_ray(void **state) {
   (void)state;
@@ -242,6 +262,7 @@ static ern_status frame_that_looks_away(void *user, int split, size_t index, ern
   frame->matrix[3] = frame->matrix[7] = frame->matrix[11] = 100;
   return status;
 }
+/* case: cameras that see nothing | plain code: means over 0 samples | here: trained on | bound: 20 steps, finite */
 static void test_training_without_a_sample(void **state) {
   (void)state;
   const ern_train_config config = fast_config(1);
@@ -250,6 +271,8 @@ static void test_training_without_a_sample(void **state) {
   made.data.frame = odd_frame;
 }
 
+/* case: rates, gamma, shrink, focal of NaN, infinity, -1 | plain code: NaN passes `x < 0` | here: refused by name |
+ * bound: exact */
 static void test_training_with_settings_that_are_no_numbers(void **state) {
   (void)state;
   ern_train_config config = fast_config(1);
