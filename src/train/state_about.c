@@ -13,8 +13,8 @@
 
 /* The configuration with what the training made of it. */
 static ern_train_config effective(const ern_trainer *t) {
-  ern_train_config config = t->config;
-  config.precision = t->bf16 ? ERN_PRECISION_BF16 : ERN_PRECISION_FP32;
+  ern_train_config config = t->shared.config;
+  config.precision = t->shared.bf16 ? ERN_PRECISION_BF16 : ERN_PRECISION_FP32;
   config.refine_poses = t->poses != NULL;
   return config;
 }
@@ -37,17 +37,19 @@ static json_t *settings_json(const ern_trainer *t) {
 ern_status ern_state_about_text(const ern_trainer *t, char **text) {
   const bool fine = t->fine_from != UINT64_MAX;
   *text = NULL;
-  json_t *training = json_pack(
-      "{s:o, s:b, s:s, s:s, s:f, s:o*, s:s, s:b}", "settings", settings_json(t), "torso_layer", t->data.has_torso,
-      "features", t->features, "fingerprint", t->fingerprint, "seconds_beside", t->beside, "fine_from",
-      fine ? json_integer((json_int_t)t->fine_from) : NULL, "fine_loss", ern_trainer_fine_name(t), "pruned", t->pruned);
-  json_t *root =
-      json_pack("{s:b, s:I, s:I, s:f, s:o}", "torso", t->config.torso, "step", (json_int_t)t->step, "ema_updates",
-                (json_int_t)t->ema_updates, "seconds", t->seconds + t->pending_seconds, "training", training);
+  json_t *training =
+      json_pack("{s:o, s:b, s:s, s:s, s:f, s:o*, s:s, s:b}", "settings", settings_json(t), "torso_layer",
+                t->shared.data.has_torso, "features", t->shared.features, "fingerprint", t->shared.fingerprint,
+                "seconds_beside", t->shared.beside, "fine_from", fine ? json_integer((json_int_t)t->fine_from) : NULL,
+                "fine_loss", ern_trainer_fine_name(t), "pruned", t->pruned);
+  json_t *root = json_pack("{s:b, s:I, s:I, s:f, s:o}", "torso", t->shared.config.torso, "step",
+                           (json_int_t)t->shared.step, "ema_updates", (json_int_t)t->ema_updates, "seconds",
+                           t->shared.seconds + t->shared.pending_seconds, "training", training);
   char *json = root != NULL ? json_dumps(root, JSON_COMPACT | JSON_REAL_PRECISION(17)) : NULL;
   json_decref(root);
-  if (json == NULL) return ern_fail(t->context, ERN_E_NO_MEMORY, "state: the metadata could not be put together");
-  const ern_status status = ern_string_copy(t->context, json, text);
+  if (json == NULL)
+    return ern_fail(t->shared.context, ERN_E_NO_MEMORY, "state: the metadata could not be put together");
+  const ern_status status = ern_string_copy(t->shared.context, json, text);
   free(json);
   return status;
 }
@@ -146,9 +148,9 @@ static ern_status compare(const ern_trainer *t, const char *path, const char *na
                           bool strict) {
   if (strcmp(found, here) == 0) return ERN_OK;
   if (strict)
-    return ern_fail(t->context, ERN_E_MISMATCH, "%s: %s is %s, this training has %s, expected the same", path, name,
-                    found, here);
-  ern_log(t->context, ERN_LOG_WARNING, "%s: %s was %s, going on with %s", path, name, found, here);
+    return ern_fail(t->shared.context, ERN_E_MISMATCH, "%s: %s is %s, this training has %s, expected the same", path,
+                    name, found, here);
+  ern_log(t->shared.context, ERN_LOG_WARNING, "%s: %s was %s, going on with %s", path, name, found, here);
   return ERN_OK;
 }
 
@@ -161,14 +163,15 @@ static ern_status compare_setting(const ern_trainer *t, const char *path, const 
 }
 
 struct ern_view_settings ern_trainer_view_settings(const ern_trainer *t) {
-  const ern_train_config *c = &t->config;
-  return (struct ern_view_settings){true, c->max_steps, c->dt_gamma, c->torso_shrink, t->data.scale, c->audio_pad};
+  const ern_train_config *c = &t->shared.config;
+  return (struct ern_view_settings){true,        c->max_steps, c->dt_gamma, c->torso_shrink, t->shared.data.scale,
+                                    c->audio_pad};
 }
 
 ern_status ern_trainer_check_view(const ern_trainer *t, const char *path, const struct ern_view_settings *view,
                                   bool torso, bool strict) {
   static const char *const names[] = {"dt_gamma", "audio_pad", "max_steps", "torso_shrink"};
-  ern_train_config found = t->config;
+  ern_train_config found = t->shared.config;
   char texts[2][ERN_SETTING_TEXT_BYTES];
   const ern_setting *s;
   if (!view->said) return ERN_OK;
@@ -177,20 +180,20 @@ ern_status ern_trainer_check_view(const ern_trainer *t, const char *path, const 
   found.max_steps = view->max_steps;
   if (torso) found.torso_shrink = view->torso_shrink;
   ern_format(texts[0], sizeof texts[0], "%.9g", (double)view->scale);
-  ern_format(texts[1], sizeof texts[1], "%.9g", (double)t->data.scale);
+  ern_format(texts[1], sizeof texts[1], "%.9g", (double)t->shared.data.scale);
   ern_status status = compare(t, path, "scale", texts[0], texts[1], strict);
   for (size_t i = 0; (s = ern_train_setting(i)) != NULL; i++)
     for (size_t k = 0; k < sizeof names / sizeof *names && status == ERN_OK; k++)
-      if (strcmp(s->name, names[k]) == 0) status = compare_setting(t, path, s, &found, &t->config, strict);
+      if (strcmp(s->name, names[k]) == 0) status = compare_setting(t, path, s, &found, &t->shared.config, strict);
   return status;
 }
 
 /* Whether a resume compares a setting of this training with that of the state. */
 static bool is_compared(const ern_trainer *t, const struct ern_state_about *about, const ern_setting *s) {
   if (s->resume != ERN_RESUME_LOGGED && s->resume != ERN_RESUME_SAME) return false;
-  if (t->config.seconds > 0 && strcmp(s->name, "iters") == 0) return false; /* an estimate */
-  return s->scope == ERN_SCOPE_ANY || (s->scope == ERN_SCOPE_TORSO && t->config.torso) ||
-         (s->scope == ERN_SCOPE_HEAD && !t->config.torso) ||
+  if (t->shared.config.seconds > 0 && strcmp(s->name, "iters") == 0) return false; /* an estimate */
+  return s->scope == ERN_SCOPE_ANY || (s->scope == ERN_SCOPE_TORSO && t->shared.config.torso) ||
+         (s->scope == ERN_SCOPE_HEAD && !t->shared.config.torso) ||
          (s->scope == ERN_SCOPE_FINE && about->fine_from < about->step);
 }
 
@@ -212,16 +215,17 @@ ern_status ern_state_about_check(const ern_trainer *t, const char *path, const s
   if (!about->said) return ERN_OK;
   /* The number of samples per ray may change in a resume; the other view settings may not. */
   struct ern_view_settings rest = *view;
-  rest.max_steps = t->config.max_steps;
-  ERN_TRY(ern_trainer_check_view(t, path, &rest, t->config.torso, true));
-  if (about->fingerprint[0] != 0 && t->fingerprint[0] != 0 && strcmp(about->fingerprint, t->fingerprint) != 0)
-    ern_log(t->context, ERN_LOG_WARNING,
+  rest.max_steps = t->shared.config.max_steps;
+  ERN_TRY(ern_trainer_check_view(t, path, &rest, t->shared.config.torso, true));
+  if (about->fingerprint[0] != 0 && t->shared.fingerprint[0] != 0 &&
+      strcmp(about->fingerprint, t->shared.fingerprint) != 0)
+    ern_log(t->shared.context, ERN_LOG_WARNING,
             "%s: files of the clip's frames (pictures, masks, landmarks or blinks) are not those that it began with; "
             "going on with those of now",
             path);
   ERN_TRY(compare(t, path, "the SHA-256 of the speech features and their augmentation (--speech-augment)",
-                  about->features, t->features, true));
-  ERN_TRY(compare(t, path, "torso_layer", about->layer ? "yes" : "no", t->data.has_torso ? "yes" : "no", true));
+                  about->features, t->shared.features, true));
+  ERN_TRY(compare(t, path, "torso_layer", about->layer ? "yes" : "no", t->shared.data.has_torso ? "yes" : "no", true));
   if (planned) ERN_TRY(compare(t, path, "fine_loss", about->fine_loss, ern_trainer_fine_name(t), true));
   ERN_TRY(compare_settings(t, path, about, true));
   ERN_TRY(compare_settings(t, path, about, false));

@@ -27,17 +27,17 @@ static double seconds_now(void) {
 
 /* Progress: s of docs/maths.md, Update. In the coarse stage over its own steps, in the fine stage over all steps. */
 static double progress(const ern_trainer *t) {
-  const uint64_t steps = ern_trainer_is_fine(t) ? t->config.iters : ern_trainer_coarse_steps(t);
-  return steps > t->step ? (double)t->step / (double)steps : 1;
+  const uint64_t steps = ern_trainer_is_fine(t) ? t->shared.config.iters : ern_trainer_coarse_steps(t);
+  return steps > t->shared.step ? (double)t->shared.step / (double)steps : 1;
 }
 
-static double spent(const ern_trainer *t) { return t->seconds + t->beside; }
+static double spent(const ern_trainer *t) { return t->shared.seconds + t->shared.beside; }
 
 void ern_trainer_follow_time(ern_trainer *t, uint64_t least) {
-  if (!(t->config.seconds > 0) || t->step == 0) return;
-  const double share = spent(t) / t->config.seconds; /* of the time that is spent, an estimate of step/iters */
-  const uint64_t steps = share < 1 ? (uint64_t)((double)t->step / fmax(share, 1e-6)) + 1 : t->step;
-  t->config.iters = steps > least ? steps : least;
+  if (!(t->shared.config.seconds > 0) || t->shared.step == 0) return;
+  const double share = spent(t) / t->shared.config.seconds; /* of the time that is spent, an estimate of step/iters */
+  const uint64_t steps = share < 1 ? (uint64_t)((double)t->shared.step / fmax(share, 1e-6)) + 1 : t->shared.step;
+  t->shared.config.iters = steps > least ? steps : least;
 }
 
 static const char *const term_name[ERN_LOSS_TERMS] = {"photometric", "uncertainty",   "static_uncertainty",
@@ -54,9 +54,9 @@ static void add_part(const ern_trainer *t, struct ern_step_sum *sum, const doubl
 
 static struct ern_step_patches patches_of(const ern_trainer *t, const struct ern_batch *batch) {
   if (batch->patches == 0) return (struct ern_step_patches){.count = 0};
-  const int side = t->config.patch_size;
-  const float weight = t->step % 2 == 1 ? t->config.fine_lips_weight : t->config.fine_weight;
-  return (struct ern_step_patches){.loss = t->config.fine_loss,
+  const int side = t->shared.config.patch_size;
+  const float weight = t->shared.step % 2 == 1 ? t->shared.config.fine_lips_weight : t->shared.config.fine_weight;
+  return (struct ern_step_patches){.loss = t->shared.config.fine_loss,
                                    .filter = {t->patch_filter, 0, ern_patch_filter_count((size_t)side)},
                                    .weight = weight,
                                    .side = side,
@@ -67,8 +67,8 @@ static ern_status head_step(ern_trainer *t, struct ern_batch *batch, struct ern_
   const struct ern_march_settings march = ern_trainer_march(t);
   const struct ern_view view = ern_trainer_poses_view(t, batch->frame);
   struct ern_head_step_args args = {.dparameters = t->gradient,
-                                    .parameters = t->parameters,
-                                    .field = &t->model->field,
+                                    .parameters = t->shared.parameters,
+                                    .field = &t->shared.model->field,
                                     .view = &view,
                                     .settings = &march,
                                     .bits = t->bits,
@@ -89,17 +89,17 @@ static ern_status head_step(ern_trainer *t, struct ern_batch *batch, struct ern_
                                                 .smoothness = 1e-5f,
                                                 .adaptive = true},
                                     .transmittance_stop = 1e-4f,
-                                    .smooth = t->step % ERN_SMOOTH_EVERY == 0,
-                                    .bf16 = t->bf16,
-                                    .seed = t->config.seed,
-                                    .step = t->step,
+                                    .smooth = t->shared.step % ERN_SMOOTH_EVERY == 0,
+                                    .bf16 = t->shared.bf16,
+                                    .seed = t->shared.config.seed,
+                                    .step = t->shared.step,
                                     .dpose = ern_trainer_poses_due(t) ? batch->dpose : NULL,
                                     .dpose_weight = batch->rigid,
                                     .patches = patches_of(t, batch),
                                     .meanwhile = ern_trainer_draw_ahead,
                                     .user = t,
                                     .n = batch->rays};
-  const ern_status status = t->backend->head_step(t->stream, &args);
+  const ern_status status = t->shared.backend->head_step(t->shared.stream, &args);
   add_part(t, sum, args.terms, args.squared_error, args.samples, batch->rays);
   for (size_t i = 0; i < ERN_POSE_PARAMETERS; i++) sum->dpose[batch->of_step][i] += batch->dpose[i];
   return status;
@@ -107,12 +107,12 @@ static ern_status head_step(ern_trainer *t, struct ern_batch *batch, struct ern_
 
 static ern_status torso_step(ern_trainer *t, const struct ern_batch *batch, struct ern_step_sum *sum) {
   struct ern_torso_step_args args = {.dparameters = t->gradient,
-                                     .parameters = t->parameters,
-                                     .field = &t->model->field,
-                                     .view = &t->views[batch->frame],
+                                     .parameters = t->shared.parameters,
+                                     .field = &t->shared.model->field,
+                                     .view = &t->shared.views[batch->frame],
                                      .grid = t->torso_grid,
                                      .threshold = (float)fmin(t->torso_mean, 0.01),
-                                     .shrink = t->config.torso_shrink,
+                                     .shrink = t->shared.config.torso_shrink,
                                      .pixel_number = batch->pixel_number,
                                      .truth = batch->truth,
                                      .background = batch->background,
@@ -120,13 +120,13 @@ static ern_status torso_step(ern_trainer *t, const struct ern_batch *batch, stru
                                      .meanwhile = ern_trainer_draw_ahead,
                                      .user = t,
                                      .n = batch->rays};
-  const ern_status status = t->backend->torso_step(t->stream, &args);
+  const ern_status status = t->shared.backend->torso_step(t->shared.stream, &args);
   add_part(t, sum, args.terms, args.terms[ERN_LOSS_PHOTOMETRIC], args.samples, batch->rays);
   return status;
 }
 
 ern_status ern_trainer_batch_step(ern_trainer *t, struct ern_batch *batch, struct ern_step_sum *sum) {
-  return t->config.torso ? torso_step(t, batch, sum) : head_step(t, batch, sum);
+  return t->shared.config.torso ? torso_step(t, batch, sum) : head_step(t, batch, sum);
 }
 
 /* Checks every loss term and gradient; the error names the first that is not finite. */
@@ -135,28 +135,28 @@ static ern_status check_finite(ern_trainer *t, const struct ern_step_sum *sum) {
   const double *terms = sum->terms;
   for (int i = 0; i < ERN_LOSS_TERMS; i++)
     if (!isfinite(terms[i]))
-      return ern_fail(t->context, ERN_E_NONFINITE,
-                      "step %" PRIu64 ": the loss term %s is %g; the parameters are as before", t->step, term_name[i],
-                      terms[i]);
+      return ern_fail(t->shared.context, ERN_E_NONFINITE,
+                      "step %" PRIu64 ": the loss term %s is %g; the parameters are as before", t->shared.step,
+                      term_name[i], terms[i]);
   for (size_t i = 0; i < frames * ERN_POSE_PARAMETERS; i++)
     if (!isfinite(sum->dpose[i / ERN_POSE_PARAMETERS][i % ERN_POSE_PARAMETERS]))
-      return ern_fail(t->context, ERN_E_NONFINITE,
+      return ern_fail(t->shared.context, ERN_E_NONFINITE,
                       "step %" PRIu64
                       ": the gradient of the pose of training frame %zu is not finite; the parameters are "
                       "as before",
-                      t->step, ern_trainer_step_frame(t, i / ERN_POSE_PARAMETERS));
-  struct ern_finite_args all = {.values = t->gradient, .n = t->model->field.parameters};
-  ern_status status = t->backend->finite(t->stream, &all);
+                      t->shared.step, ern_trainer_step_frame(t, i / ERN_POSE_PARAMETERS));
+  struct ern_finite_args all = {.values = t->gradient, .n = t->shared.model->field.parameters};
+  ern_status status = t->shared.backend->finite(t->shared.stream, &all);
   if (status != ERN_OK || all.finite) return status;
-  for (int r = 0; r < t->model->table.rows; r++) {
-    const struct ern_parameter *row = &t->model->table.row[r];
+  for (int r = 0; r < t->shared.model->table.rows; r++) {
+    const struct ern_parameter *row = &t->shared.model->table.row[r];
     struct ern_finite_args one = {.values = ern_span_part(t->gradient, row->at, row->count), .n = row->count};
-    status = t->backend->finite(t->stream, &one);
+    status = t->shared.backend->finite(t->shared.stream, &one);
     if (status != ERN_OK) return status;
     if (!one.finite)
-      return ern_fail(t->context, ERN_E_NONFINITE,
-                      "step %" PRIu64 ": the gradient of %s is not finite; the parameters are as before", t->step,
-                      row->name);
+      return ern_fail(t->shared.context, ERN_E_NONFINITE,
+                      "step %" PRIu64 ": the gradient of %s is not finite; the parameters are as before",
+                      t->shared.step, row->name);
   }
   return ERN_OK;
 }
@@ -167,30 +167,30 @@ static const float adamw_beta2 = 0.99f, adamw_eps = 1e-8f; /* beta1 is 0 */
 
 /* AdamW by learning-rate group (docs/maths.md, Update); rates fall as 0.5^s, in the fine stage as 0.05^s. */
 static struct ern_adamw_args update_of(const ern_trainer *t, const struct ern_parameter *row, float factor) {
-  float rate = t->config.lr_net, decay = 0;
-  if (row->group == ERN_GROUP_GRID) rate = t->config.lr, decay = grid_decay;
-  if (row->group == ERN_GROUP_AUDIO_ATT) rate = t->config.lr_att, decay = audio_attention_decay;
+  float rate = t->shared.config.lr_net, decay = 0;
+  if (row->group == ERN_GROUP_GRID) rate = t->shared.config.lr, decay = grid_decay;
+  if (row->group == ERN_GROUP_AUDIO_ATT) rate = t->shared.config.lr_att, decay = audio_attention_decay;
   return (struct ern_adamw_args){
-      .rate = rate * factor, .decay = decay, .beta2 = adamw_beta2, .eps = adamw_eps, .step = t->step + 1};
+      .rate = rate * factor, .decay = decay, .beta2 = adamw_beta2, .eps = adamw_eps, .step = t->shared.step + 1};
 }
 
 /* Consecutive rows of one group are updated in one call, as most are short; the padding between them is zero and stays
  * zero. */
 static ern_status update(ern_trainer *t) {
   const float factor = (float)pow(ern_trainer_is_fine(t) ? 0.05 : 0.5, progress(t));
-  const struct ern_parameter_table *table = &t->model->table;
+  const struct ern_parameter_table *table = &t->shared.model->table;
   for (int r = 0; r < table->rows;) {
     const struct ern_parameter *first = &table->row[r++];
     size_t count = first->count;
-    if (first->torso != t->config.torso) continue;
+    if (first->torso != t->shared.config.torso) continue;
     for (; r < table->rows && table->row[r].torso == first->torso && table->row[r].group == first->group; r++)
       count = table->row[r].at + table->row[r].count - first->at;
     struct ern_adamw_args args = update_of(t, first, factor);
-    args.parameters = ern_span_part(t->parameters, first->at, count);
+    args.parameters = ern_span_part(t->shared.parameters, first->at, count);
     args.second_moment = ern_span_part(t->second_moment, first->at, count);
     args.gradient = ern_span_part(t->gradient, first->at, count);
     args.n = count;
-    const ern_status status = t->backend->adamw(t->stream, &args);
+    const ern_status status = t->shared.backend->adamw(t->shared.stream, &args);
     if (status != ERN_OK) return status;
   }
   return ERN_OK;
@@ -200,17 +200,17 @@ static ern_status average(ern_trainer *t) {
   t->ema_updates++;
   const double n = (double)t->ema_updates;
   struct ern_ema_args args = {.average = t->average,
-                              .parameters = t->parameters,
+                              .parameters = t->shared.parameters,
                               .decay = (float)fmin(0.95, (1 + n) / (10 + n)),
-                              .n = t->model->field.parameters};
-  return t->backend->ema(t->stream, &args);
+                              .n = t->shared.model->field.parameters};
+  return t->shared.backend->ema(t->shared.stream, &args);
 }
 
 /* Gradient and results of the batches. */
 static ern_status sum_step(ern_trainer *t, struct ern_batch *batches, struct ern_step_sum *sum) {
   *sum = (struct ern_step_sum){.samples = 0};
-  if (t->config.step_parts > 1) return ern_trainer_parts_step(t, batches, sum);
-  ern_status status = t->backend->zero(t->stream, t->gradient);
+  if (t->shared.config.step_parts > 1) return ern_trainer_parts_step(t, batches, sum);
+  ern_status status = t->shared.backend->zero(t->shared.stream, t->gradient);
   for (size_t k = 0; status == ERN_OK && k < ern_trainer_own_batches(t); k++)
     status = ern_trainer_batch_step(t, &batches[k], sum);
   return status;
@@ -219,28 +219,29 @@ static ern_status sum_step(ern_trainer *t, struct ern_batch *batches, struct ern
 /* Processes that train together use the time of rank 0 as it was before the step: the step's own seconds are counted
  * with the next step. */
 static void count_seconds(ern_trainer *t, const struct ern_step_sum *sum, double spent_now) {
-  if (t->communicator.size == 1) {
-    t->seconds += spent_now;
+  if (t->shared.communicator.size == 1) {
+    t->shared.seconds += spent_now;
   } else {
-    t->seconds = sum->seconds;
-    t->beside = sum->beside;
-    t->pending_seconds = spent_now;
+    t->shared.seconds = sum->seconds;
+    t->shared.beside = sum->beside;
+    t->shared.pending_seconds = spent_now;
   }
 }
 
 static ern_status take_step(ern_trainer *t, ern_train_report *report) {
-  const struct ern_arena_mark mark = ern_arena_mark(t->stream);
+  const struct ern_arena_mark mark = ern_arena_mark(t->shared.stream);
   const double began = seconds_now();
   struct ern_step_sum sum;
   struct ern_batch batches[ERN_STEP_BATCHES_MOST];
   ern_status status = ERN_OK;
   /* processes that train together agree on the time only at the end of a step */
-  if (t->step < t->config.iters && t->communicator.size == 1) ern_trainer_follow_time(t, t->step + 1);
+  if (t->shared.step < t->shared.config.iters && t->shared.communicator.size == 1)
+    ern_trainer_follow_time(t, t->shared.step + 1);
   ern_trainer_fine_due(t);
   const size_t frames = ern_trainer_step_frames(t), own = ern_trainer_own_batches(t);
-  *report = (ern_train_report){.iters = t->config.iters};
-  if (t->step >= t->config.iters)
-    ERN_TRY(ern_fail(t->context, ERN_E_STATE, "train: all %" PRIu64 " steps are done", t->config.iters));
+  *report = (ern_train_report){.iters = t->shared.config.iters};
+  if (t->shared.step >= t->shared.config.iters)
+    ERN_TRY(ern_fail(t->shared.context, ERN_E_STATE, "train: all %" PRIu64 " steps are done", t->shared.config.iters));
   /* first, so that the state is that after the last step where a picture cannot be read */
   for (size_t k = 0; k < own; k++) ERN_TRY(ern_trainer_batch(t, ern_trainer_first_batch(t) + k, &batches[k]));
   ERN_TRY(ern_trainer_occupancy(t));
@@ -251,23 +252,23 @@ static ern_status take_step(ern_trainer *t, ern_train_report *report) {
   ERN_TRY(update(t));
   for (size_t k = 0; ern_trainer_poses_due(t) && k < frames; k++)
     ern_trainer_poses_step(t, ern_trainer_step_frame(t, k), sum.dpose[k]);
-  t->step++;
-  if (t->step % t->config.ema_every == 0) ERN_TRY(average(t));
+  t->shared.step++;
+  if (t->shared.step % t->shared.config.ema_every == 0) ERN_TRY(average(t));
   for (int i = 0; i < ERN_LOSS_TERMS; i++) report->loss += sum.terms[i];
   count_seconds(t, &sum, seconds_now() - began);
-  ern_trainer_follow_time(t, t->step);
-  report->iters = t->config.iters;
+  ern_trainer_follow_time(t, t->shared.step);
+  report->iters = t->shared.config.iters;
 fail:
-  report->step = t->step;
-  report->seconds = t->seconds;
-  ern_arena_release(t->stream, mark);
+  report->step = t->shared.step;
+  report->seconds = t->shared.seconds;
+  ern_arena_release(t->shared.stream, mark);
   return status;
 }
 
 ern_status ern_trainer_step_sized(ern_trainer *trainer, ern_train_report *report, size_t bytes) {
   ERN_PLAIN_FLOATS;
   ERN_NEED(NULL, trainer);
-  ERN_NEED(trainer->context, report);
+  ERN_NEED(trainer->shared.context, report);
   ern_train_report own = {0};
   const ern_status status = take_step(trainer, &own);
   ern_struct_copy_out(report, bytes, &own, sizeof own);
@@ -287,17 +288,17 @@ struct tally {
 
 static ern_train_report make_report(const ern_trainer *t, struct tally *tally) {
   const double now = seconds_now(), n = tally->steps > 0 ? (double)tally->steps : 1;
-  ern_train_report report = {.step = t->step,
-                             .iters = t->config.iters,
+  ern_train_report report = {.step = t->shared.step,
+                             .iters = t->shared.config.iters,
                              .loss = tally->loss / n,
                              .psnr = tally->psnr / n,
                              .samples_per_ray = tally->samples / n,
-                             .seconds = t->seconds};
-  report.steps_per_second = now > tally->began ? (double)(t->step - tally->first) / (now - tally->began) : 0;
-  if (t->config.seconds > 0)
-    report.seconds_left = fmax(t->config.seconds - spent(t), 0);
+                             .seconds = t->shared.seconds};
+  report.steps_per_second = now > tally->began ? (double)(t->shared.step - tally->first) / (now - tally->began) : 0;
+  if (t->shared.config.seconds > 0)
+    report.seconds_left = fmax(t->shared.config.seconds - spent(t), 0);
   else if (report.steps_per_second > 0)
-    report.seconds_left = (double)(t->config.iters - t->step) / report.steps_per_second;
+    report.seconds_left = (double)(t->shared.config.iters - t->shared.step) / report.steps_per_second;
   tally->loss = tally->psnr = tally->samples = 0;
   tally->steps = 0;
   tally->said = now;
@@ -306,24 +307,26 @@ static ern_train_report make_report(const ern_trainer *t, struct tally *tally) {
 
 static ern_status note(ern_trainer *t, const ern_train_report *r, double validation) {
   if (t->output == NULL) return ERN_OK;
-  ern_status status = ern_lines_add(t->context, &t->run.log_lines,
+  ern_status status = ern_lines_add(t->shared.context, &t->run.log_lines,
                                     "{\"step\": %" PRIu64
                                     ", \"seconds\": %.3f, \"loss\": %.8g, \"psnr\": %.4f, "
                                     "\"samples_per_ray\": %.3f, \"steps_per_second\": %.4f}\n",
                                     r->step, r->seconds, r->loss, r->psnr, r->samples_per_ray, r->steps_per_second);
   if (status != ERN_OK || !(validation > 0)) return status;
-  return ern_lines_add(t->context, &t->run.curve_lines, "%" PRIu64 ",%.3f,%.4f\n", r->step, r->seconds, validation);
+  return ern_lines_add(t->shared.context, &t->run.curve_lines, "%" PRIu64 ",%.3f,%.4f\n", r->step, r->seconds,
+                       validation);
 }
 
 static bool due(uint64_t step, uint64_t every) { return every > 0 && step % every == 0; }
 
 /* With config.seconds: a save each minute; a validation after each tenth of the time, but not more often. */
 static bool save_due(const ern_trainer *t, const struct tally *tally) {
-  return t->config.seconds > 0 ? seconds_now() - tally->saved > SAVE_SECONDS : due(t->step, t->config.save_every);
+  return t->shared.config.seconds > 0 ? seconds_now() - tally->saved > SAVE_SECONDS
+                                      : due(t->shared.step, t->shared.config.save_every);
 }
 static bool validation_due(const ern_trainer *t, const struct tally *tally) {
-  return t->config.seconds > 0 ? spent(t) - tally->validated > fmax(t->config.seconds / 10, SAVE_SECONDS)
-                               : due(t->step, t->config.validate_every);
+  return t->shared.config.seconds > 0 ? spent(t) - tally->validated > fmax(t->shared.config.seconds / 10, SAVE_SECONDS)
+                                      : due(t->shared.step, t->shared.config.validate_every);
 }
 
 /* Saves the training after the error `failed`, such as an unreadable picture or a failed validation. After
@@ -331,15 +334,15 @@ static bool validation_due(const ern_trainer *t, const struct tally *tally) {
 static ern_status save_after(ern_trainer *t, ern_status failed) {
   char cause[1800]; /* room is left for the rest of an error text of 2048 */
   if (failed == ERN_E_NONFINITE || failed == ERN_E_DEVICE) return failed;
-  (void)ern_last_error_copy(t->context, cause, sizeof cause);
+  (void)ern_last_error_copy(t->shared.context, cause, sizeof cause);
   const ern_status saved = ern_trainer_save(t);
   if (saved != ERN_OK) return saved;
-  return ern_fail(t->context, failed, "%s; step %" PRIu64 " is saved", cause, t->step);
+  return ern_fail(t->shared.context, failed, "%s; step %" PRIu64 " is saved", cause, t->shared.step);
 }
 
 static ern_status finish_step(ern_trainer *t, const ern_train_hooks *hooks, struct tally *tally) {
-  if (t->communicator.rank > 0) return ERN_OK;
-  const bool last = t->step == t->config.iters;
+  if (t->shared.communicator.rank > 0) return ERN_OK;
+  const bool last = t->shared.step == t->shared.config.iters;
   const bool validate = last || validation_due(t, tally);
   const bool save = t->output != NULL && (last || save_due(t, tally));
   const double began = seconds_now();
@@ -355,30 +358,32 @@ static ern_status finish_step(ern_trainer *t, const ern_train_hooks *hooks, stru
     ERN_TRY(note(t, &report, validation));
     if (hooks->progress != NULL && hooks->progress(hooks->user, &report) != 0 && !last) {
       if (t->output != NULL) ERN_TRY(ern_trainer_save(t));
-      ERN_TRY(ern_fail(t->context, ERN_E_CANCELLED, "train: stopped at step %" PRIu64 " of %" PRIu64 "%s", t->step,
-                       t->config.iters, t->output != NULL ? "; the state is saved" : ""));
+      ERN_TRY(ern_fail(t->shared.context, ERN_E_CANCELLED, "train: stopped at step %" PRIu64 " of %" PRIu64 "%s",
+                       t->shared.step, t->shared.config.iters, t->output != NULL ? "; the state is saved" : ""));
     }
   }
   if (save) ERN_TRY(ern_trainer_save(t));
   if (save) tally->saved = seconds_now();
 fail:
-  t->beside += seconds_now() - began;
+  t->shared.beside += seconds_now() - began;
   if (validate) tally->validated = spent(t);
   return status;
 }
 
 /* The validation that was stopped at the step of a resume, which is due by steps. */
 static ern_status make_up(ern_trainer *t, const ern_train_hooks *hooks) {
-  const bool missing = t->run.unmeasured && t->communicator.rank == 0;
+  const bool missing = t->run.unmeasured && t->shared.communicator.rank == 0;
   const double began = seconds_now();
   double validation = 0;
   t->run.unmeasured = false;
-  if (!missing || (t->step < t->config.iters && (t->config.seconds > 0 || !due(t->step, t->config.validate_every))))
+  if (!missing || (t->shared.step < t->shared.config.iters &&
+                   (t->shared.config.seconds > 0 || !due(t->shared.step, t->shared.config.validate_every))))
     return ERN_OK;
   ern_status status = ern_trainer_validate(t, hooks, &validation);
   if (status == ERN_OK && validation > 0)
-    status = ern_lines_add(t->context, &t->run.curve_lines, "%" PRIu64 ",%.3f,%.4f\n", t->step, t->seconds, validation);
-  t->beside += seconds_now() - began;
+    status = ern_lines_add(t->shared.context, &t->run.curve_lines, "%" PRIu64 ",%.3f,%.4f\n", t->shared.step,
+                           t->shared.seconds, validation);
+  t->shared.beside += seconds_now() - began;
   return status;
 }
 
@@ -386,14 +391,14 @@ static ern_status make_up(ern_trainer *t, const ern_train_hooks *hooks) {
 static ern_status stopped(const ern_trainer *t, ern_status status) {
   char cause[1800]; /* room is left for the rest of an error text of 2048 */
   if (status != ERN_E_DEVICE || t->output == NULL) return status;
-  (void)ern_last_error_copy(t->context, cause, sizeof cause);
+  (void)ern_last_error_copy(t->shared.context, cause, sizeof cause);
   if (t->saved == 0)
-    return ern_fail(t->context, status, "%s; after step %" PRIu64 ", and nothing of this training was saved before",
-                    cause, t->step);
-  return ern_fail(t->context, status,
+    return ern_fail(t->shared.context, status,
+                    "%s; after step %" PRIu64 ", and nothing of this training was saved before", cause, t->shared.step);
+  return ern_fail(t->shared.context, status,
                   "%s; after step %" PRIu64 "; the state of step %" PRIu64
                   " is whole in %s, and a resume goes on from it, on any backend",
-                  cause, t->step, t->saved, t->run.folder);
+                  cause, t->shared.step, t->saved, t->run.folder);
 }
 
 static void warn_of_divergence(ern_trainer *t, const struct ern_divergence *divergence) {
@@ -403,33 +408,35 @@ static void warn_of_divergence(ern_trainer *t, const struct ern_divergence *dive
     snprintf(kept, sizeof kept,
              "; the next save keeps the state of before as %s, which --from goes on from, to another output",
              t->run.good);
-  ern_log(t->context, ERN_LOG_WARNING,
+  ern_log(t->shared.context, ERN_LOG_WARNING,
           "train: PSNR has fallen from %.1f to %.1f dB by step %" PRIu64
           ", though every value is finite: as a rule the networks are dead then and stay so; begin again with lower "
           "rates (grids %g, networks %g)%s",
-          divergence->best, divergence->mean, t->step, (double)t->config.lr, (double)t->config.lr_net, kept);
+          divergence->best, divergence->mean, t->shared.step, (double)t->shared.config.lr,
+          (double)t->shared.config.lr_net, kept);
 }
 
 ern_status ern_trainer_run_sized(ern_trainer *t, const ern_train_hooks *hooks, size_t bytes) {
   ERN_PLAIN_FLOATS;
   ERN_NEED(NULL, t);
   ern_train_hooks own = {0};
-  ern_status status = hooks != NULL ? ERN_COPY_IN(t->context, ern_train_hooks, &own, hooks, bytes) : ERN_OK;
+  ern_status status = hooks != NULL ? ERN_COPY_IN(t->shared.context, ern_train_hooks, &own, hooks, bytes) : ERN_OK;
   if (status != ERN_OK) return status;
-  struct tally tally = {.began = seconds_now(), .said = seconds_now(), .saved = seconds_now(), .first = t->step};
+  struct tally tally = {.began = seconds_now(), .said = seconds_now(), .saved = seconds_now(), .first = t->shared.step};
   tally.validated = spent(t);
   struct ern_divergence divergence = {0};
   status = make_up(t, &own);
   if (status != ERN_OK) return stopped(t, status);
-  if (t->step >= t->config.iters && t->output != NULL) status = ern_trainer_save(t);
+  if (t->shared.step >= t->shared.config.iters && t->output != NULL) status = ern_trainer_save(t);
   if (status != ERN_OK) return status;
-  while (t->step < t->config.iters) {
+  while (t->shared.step < t->shared.config.iters) {
     ern_train_report report;
     status = take_step(t, &report);
-    const bool keep = t->output != NULL && t->step > t->saved && status != ERN_E_NO_MEMORY; /* may be mid-update */
+    const bool keep =
+        t->output != NULL && t->shared.step > t->saved && status != ERN_E_NO_MEMORY; /* may be mid-update */
     if (status != ERN_OK) return stopped(t, keep ? save_after(t, status) : status);
     /* not in the fine stage: patches differ too much from step to step */
-    if (t->config.rays >= 64 && !ern_trainer_is_fine(t) && ern_divergence_step(&divergence, report.psnr))
+    if (t->shared.config.rays >= 64 && !ern_trainer_is_fine(t) && ern_divergence_step(&divergence, report.psnr))
       warn_of_divergence(t, &divergence);
     tally.loss += report.loss;
     tally.psnr += report.psnr;
@@ -439,7 +446,7 @@ ern_status ern_trainer_run_sized(ern_trainer *t, const ern_train_hooks *hooks, s
     if (status != ERN_OK) return stopped(t, status);
   }
   /* needed where a callback made the last steps */
-  if (t->output != NULL && t->saved != t->step) status = ern_trainer_save(t);
+  if (t->output != NULL && t->saved != t->shared.step) status = ern_trainer_save(t);
   return status == ERN_OK ? ern_trainer_wait_for_first(t) : status;
 }
 
@@ -447,33 +454,35 @@ ern_status ern_trainer_model(ern_trainer *t, ern_model **model) {
   ERN_PLAIN_FLOATS;
   if (model != NULL) *model = NULL;
   ERN_NEED(NULL, t);
-  ERN_NEED(t->context, model);
-  ern_status status = ern_trainer_download(t, t->parameters);
-  if (status == ERN_OK) status = ern_model_make(model, t->context, &t->model->field.config);
+  ERN_NEED(t->shared.context, model);
+  ern_status status = ern_trainer_download(t, t->shared.parameters);
+  if (status == ERN_OK) status = ern_model_make(model, t->shared.context, &t->shared.model->field.config);
   if (status != ERN_OK) return status;
-  memcpy((*model)->block, t->model->block, t->model->field.parameters * sizeof(float));
-  memcpy((*model)->bits, t->model->bits, ERN_OCCUPANCY_BYTES);
-  if ((*model)->torso_grid != NULL) memcpy((*model)->torso_grid, t->model->torso_grid, ERN_TORSO_CELLS * sizeof(float));
-  status = ern_trainer_copy_camera(*model, t->model);
+  memcpy((*model)->block, t->shared.model->block, t->shared.model->field.parameters * sizeof(float));
+  memcpy((*model)->bits, t->shared.model->bits, ERN_OCCUPANCY_BYTES);
+  if ((*model)->torso_grid != NULL)
+    memcpy((*model)->torso_grid, t->shared.model->torso_grid, ERN_TORSO_CELLS * sizeof(float));
+  status = ern_trainer_copy_camera(*model, t->shared.model);
   if (status != ERN_OK) {
     ern_model_free(model);
     return status;
   }
-  (*model)->head_steps = t->model->head_steps;
-  (*model)->torso_steps = t->model->torso_steps;
-  (*model)->view = t->model->view;
-  memcpy((*model)->clip, t->model->clip, sizeof(*model)->clip);
-  memcpy((*model)->speech, t->model->speech, sizeof(*model)->speech);
-  memcpy((*model)->speech_network, t->model->speech_network, sizeof(*model)->speech_network);
-  memcpy((*model)->consent, t->model->consent, sizeof(*model)->consent);
-  (*model)->dub = t->model->dub;
+  (*model)->head_steps = t->shared.model->head_steps;
+  (*model)->torso_steps = t->shared.model->torso_steps;
+  (*model)->view = t->shared.model->view;
+  memcpy((*model)->clip, t->shared.model->clip, sizeof(*model)->clip);
+  memcpy((*model)->speech, t->shared.model->speech, sizeof(*model)->speech);
+  memcpy((*model)->speech_network, t->shared.model->speech_network, sizeof(*model)->speech_network);
+  memcpy((*model)->consent, t->shared.model->consent, sizeof(*model)->consent);
+  (*model)->dub = t->shared.model->dub;
   return ERN_OK;
 }
 
 void ern_trainer_describe_sized(const ern_trainer *trainer, ern_train_report *report, size_t bytes) {
   ern_train_report own = {0};
   if (trainer != NULL)
-    own = (ern_train_report){.step = trainer->step, .iters = trainer->config.iters, .seconds = trainer->seconds};
+    own = (ern_train_report){
+        .step = trainer->shared.step, .iters = trainer->shared.config.iters, .seconds = trainer->shared.seconds};
   ern_struct_copy_out(report, bytes, &own, sizeof own);
 }
 

@@ -3,12 +3,8 @@
 #ifndef ERN_TRAIN_TRAINER_H
 #define ERN_TRAIN_TRAINER_H
 
-#include "core/backend.h"
-#include "core/threads.h"
-#include "ernerf/train.h"
-#include "model/model.h"
-#include "render/march_ops.h"
 #include "train/losses_ops.h"
+#include "train/trainer_shared.h"
 
 /* Shares of a head's rays that are drawn in each region, and of its frames that are drawn among those with shut eyes,
  * found by experiment (docs/results.md). */
@@ -87,48 +83,34 @@ struct ern_batch {
 };
 
 struct ern_trainer {
-  ern_context *context;
-  struct ern_backend *backend;
-  struct ern_stream *stream;
-  ern_dataset data;
-  ern_train_config config;
-  char *output, identity[65], features[65]; /* SHA-256 of clip and speech features; the latter "" without an output */
-  char fingerprint[65];                     /* of the frames' files, "": not known */
-  ern_model *model;                         /* configuration and table; its values are those of the last download */
+  struct ern_training shared;
+  char *output;
 
   struct ern_buffer *reals, *bits_buffer, *cells_buffer;
-  ern_span parameters, gradient, second_moment, average; /* [field.parameters] */
-  ern_span grid, fresh, bits, cells;                     /* occupancy of the head */
-  size_t cell_count;                                     /* cells that a refresh evaluates */
-  bool pruned;                                           /* `bits` are pruned, and no longer refreshed */
+  ern_span gradient, second_moment, average; /* [field.parameters] */
+  ern_span grid, fresh, bits, cells;         /* occupancy of the head */
+  size_t cell_count;                         /* cells that a refresh evaluates */
+  bool pruned;                               /* `bits` are pruned, and no longer refreshed */
   ern_span torso_grid;
   double torso_mean;
 
-  bool bf16; /* products of bf16 (config.precision) */
-
-  struct ern_view *views;          /* [training frames], as the clip has them */
   size_t *blinks, blink_count;     /* training frames with shut eyes; none: all frames are drawn alike */
   struct ern_trainer_poses *poses; /* NULL: poses are not refined */
-  uint64_t step, ema_updates;
+  uint64_t ema_updates;
   uint64_t fine_from;              /* the first step of the fine stage; UINT64_MAX: none */
   struct ern_buffer *patch_filter; /* of patches_ops.h; NULL without a fine stage */
   ern_fine_loss fine_loss;         /* a copy of *config.fine_loss */
   char fine_name[32];              /* and its name */
-  double seconds;                  /* of training, all runs together */
-  double beside;                   /* seconds of validations and saves, all runs together */
-  double pending_seconds;          /* with a communicator: seconds of the last step, not yet in `seconds` */
   struct ern_run_folder run;
   uint64_t saved; /* step of this training's newest state in the run folder; 0: none */
   bool diverged;  /* since the last save, and the folder has a state from before */
 
   struct ern_run_folder torso_run; /* of config.torso_output: only locked */
 
-  ern_communicator communicator;  /* size 1: this process is alone */
   struct ern_trainer_parts parts; /* all NULL where a step is one part */
 
-  struct ern_pool *pool; /* for work on the host */
-  int32_t *host_pixels;  /* [rays] */
-  float *host_rows;      /* [9][ern_scratch_stride(rays)]: truth, background, face, jitter, rigid */
+  int32_t *host_pixels; /* [rays] */
+  float *host_rows;     /* [9][ern_scratch_stride(rays)]: truth, background, face, jitter, rigid */
   struct {
     struct ern_batch batch;
     uint64_t step; /* 0: none */
@@ -141,11 +123,12 @@ struct ern_trainer {
 };
 
 static inline struct ern_march_settings ern_trainer_march(const ern_trainer *t) {
-  return (struct ern_march_settings){t->config.bound, t->config.max_steps, t->config.dt_gamma, ERN_NEAR_PLANE};
+  return (struct ern_march_settings){t->shared.config.bound, t->shared.config.max_steps, t->shared.config.dt_gamma,
+                                     ERN_NEAR_PLANE};
 }
 
 /* trainer_make.c */
-/* Sets t->bf16, whether products are in bf16. `path`: the origin of the request, for messages. */
+/* Sets t->shared.bf16, whether products are in bf16. `path`: the origin of the request, for messages. */
 ERN_NODISCARD ern_status ern_trainer_choose_precision(ern_trainer *t, const char *path, ern_precision wanted);
 /* Whether the model is known to be of another clip. */
 bool ern_trainer_is_foreign(const ern_trainer *t, const ern_model *model);
@@ -182,7 +165,7 @@ void ern_trainer_follow_time(ern_trainer *t, uint64_t least);
 ERN_NODISCARD ern_status ern_trainer_fine_take(ern_trainer *t);
 const char *ern_trainer_fine_name(const ern_trainer *t); /* "ssim" without config.fine_loss */
 /* Whether the next step belongs to the fine stage. */
-static inline bool ern_trainer_is_fine(const ern_trainer *t) { return t->step >= t->fine_from; }
+static inline bool ern_trainer_is_fine(const ern_trainer *t) { return t->shared.step >= t->fine_from; }
 /* Decides when the fine stage begins; `found`: its beginning in a resumed state, UINT64_MAX: none. */
 ERN_NODISCARD ern_status ern_trainer_fine_begin(ern_trainer *t, uint64_t found);
 /* Steps before the fine stage, all steps where there is none; with config.seconds an estimate from the pace so far. */
@@ -209,7 +192,7 @@ size_t ern_trainer_step_batches(const ern_trainer *t);
 /* The batches of this process are a contiguous range: its first one, and their number. */
 size_t ern_trainer_first_batch(const ern_trainer *t);
 static inline size_t ern_trainer_own_batches(const ern_trainer *t) {
-  return ern_trainer_step_batches(t) / (size_t)t->communicator.size;
+  return ern_trainer_step_batches(t) / (size_t)t->shared.communicator.size;
 }
 ERN_NODISCARD ern_status ern_trainer_parts_check(ern_context *context, const ern_train_config *config);
 ERN_NODISCARD ern_status ern_trainer_parts_make(ern_trainer *t);
@@ -242,7 +225,7 @@ ERN_NODISCARD ern_status ern_trainer_view(const ern_trainer *t, int split, size_
 size_t ern_trainer_random_frame(const ern_trainer *t, uint32_t word);
 /* Row of the individual codes of a training frame. */
 static inline size_t ern_trainer_code(const ern_trainer *t, size_t frame) {
-  return t->model->field.config.codes > 0 ? frame : 0;
+  return t->shared.model->field.config.codes > 0 ? frame : 0;
 }
 
 /* trainer_speech.c */
@@ -264,7 +247,7 @@ struct ern_view ern_trainer_poses_view(ern_trainer *t, size_t frame);
 /* Updates the pose row of the frame that a step trained on. dpose: [ERN_POSE_PARAMETERS], finite */
 void ern_trainer_poses_step(ern_trainer *t, size_t frame, const double *dpose);
 
-/* Writes the rows, in the model's form, and their regression to t->model. */
+/* Writes the rows, in the model's form, and their regression to t->shared.model. */
 ERN_NODISCARD ern_status ern_trainer_poses_download(ern_trainer *t);
 /* The reverse: reads the rows that `model` has. */
 ERN_NODISCARD ern_status ern_trainer_poses_take(ern_trainer *t, const ern_model *model);
@@ -287,7 +270,8 @@ ERN_NODISCARD ern_status ern_trainer_prune(ern_trainer *t);
 
 /* trainer_state.c */
 bool ern_trainer_is_averaged(const ern_trainer *t); /* whether a save writes the moving average */
-ERN_NODISCARD ern_status ern_trainer_download(ern_trainer *t, ern_span from); /* values and occupancy into t->model */
+ERN_NODISCARD ern_status ern_trainer_download(ern_trainer *t,
+                                              ern_span from); /* values and occupancy into t->shared.model */
 ERN_NODISCARD ern_status ern_trainer_resume(ern_trainer *t, bool *resumed);
 ERN_NODISCARD ern_status ern_trainer_take_file(ern_trainer *t, const char *path); /* --from */
 

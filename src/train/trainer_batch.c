@@ -15,20 +15,21 @@
 ern_status ern_trainer_view(const ern_trainer *t, int split, size_t frame, struct ern_view *view) {
   ern_dataset_frame about;
   const ern_status status = ern_trainer_frame(t, split, frame, &about);
-  *view = (struct ern_view){.focal = (float)t->data.focal,
-                            .cx = (float)t->data.cx,
-                            .cy = (float)t->data.cy,
-                            .width = t->data.width,
-                            .height = t->data.height};
+  *view = (struct ern_view){.focal = (float)t->shared.data.focal,
+                            .cx = (float)t->shared.data.cx,
+                            .cy = (float)t->shared.data.cy,
+                            .width = t->shared.data.width,
+                            .height = t->shared.data.height};
   if (status != ERN_OK) return status;
   char name[64];
   snprintf(name, sizeof name, "train: pose of %s frame %zu", split == 0 ? "training" : "validation", frame);
-  ern_camera_pose(view->pose, about.matrix, t->data.scale);
-  return ern_pose_check(t->context, name, view->pose);
+  ern_camera_pose(view->pose, about.matrix, t->shared.data.scale);
+  return ern_pose_check(t->shared.context, name, view->pose);
 }
 
 size_t ern_trainer_random_frame(const ern_trainer *t, uint32_t word) {
-  return t->config.data_begin + ern_below(word, (uint32_t)(t->config.data_end - t->config.data_begin));
+  return t->shared.config.data_begin +
+         ern_below(word, (uint32_t)(t->shared.config.data_end - t->shared.config.data_begin));
 }
 
 /* ---- rays -------------------------------------------------------------------------------------------------------- */
@@ -76,24 +77,26 @@ static struct range range_of(const struct draw *draw, size_t shard) {
 }
 
 static uint32_t tile_of(const struct draw *draw, int32_t pixel) {
-  const uint32_t width = (uint32_t)draw->t->data.width, row = (uint32_t)pixel / width;
+  const uint32_t width = (uint32_t)draw->t->shared.data.width, row = (uint32_t)pixel / width;
   return row / draw->side * draw->across + ((uint32_t)pixel - row * width) / draw->side;
 }
 
 static struct region region_of(const ern_trainer *t, const ern_box *box) {
-  const int left = box->left > 0 ? box->left : 0, right = box->right < t->data.width ? box->right : t->data.width;
-  const int top = box->top > 0 ? box->top : 0, bottom = box->bottom < t->data.height ? box->bottom : t->data.height;
+  const int left = box->left > 0 ? box->left : 0,
+            right = box->right < t->shared.data.width ? box->right : t->shared.data.width;
+  const int top = box->top > 0 ? box->top : 0,
+            bottom = box->bottom < t->shared.data.height ? box->bottom : t->shared.data.height;
   if (left >= right || top >= bottom) return (struct region){0};
   return (struct region){(uint32_t)left, (uint32_t)top, (uint32_t)(right - left), (uint32_t)(bottom - top)};
 }
 
 static void find_regions(struct draw *draw) {
   const ern_trainer *t = draw->t;
-  if (t->config.torso || t->config.ray_sampling == ERN_RAY_SAMPLING_UNIFORM) return;
+  if (t->shared.config.torso || t->shared.config.ray_sampling == ERN_RAY_SAMPLING_UNIFORM) return;
   draw->lower_face = region_of(t, &draw->about->lower_face);
-  if (t->config.ray_sampling == ERN_RAY_SAMPLING_DUB)
+  if (t->shared.config.ray_sampling == ERN_RAY_SAMPLING_DUB)
     draw->dubbed = region_of(t, &draw->about->dubbed);
-  else if (t->data.has_eye)
+  else if (t->shared.data.has_eye)
     draw->eyes = region_of(t, &draw->about->eyes);
 }
 
@@ -104,11 +107,11 @@ static bool is_head(uint8_t of_head) { return of_head != 0; }
 
 static ern_status find_parts(struct draw *draw) {
   const ern_trainer *t = draw->t;
-  const size_t width = (size_t)t->data.width, height = (size_t)t->data.height;
+  const size_t width = (size_t)t->shared.data.width, height = (size_t)t->shared.data.height;
   ern_status status = ERN_OK;
-  if (draw->head == NULL || t->config.ray_sampling != ERN_RAY_SAMPLING_REGIONS) return ERN_OK;
-  ERN_TRY(ERN_NEW(t->context, height + 1, &draw->silhouette.above));
-  ERN_TRY(ERN_NEW(t->context, height + 1, &draw->whole_head.above));
+  if (draw->head == NULL || t->shared.config.ray_sampling != ERN_RAY_SAMPLING_REGIONS) return ERN_OK;
+  ERN_TRY(ERN_NEW(t->shared.context, height + 1, &draw->silhouette.above));
+  ERN_TRY(ERN_NEW(t->shared.context, height + 1, &draw->whole_head.above));
   for (size_t row = 0; row < height; row++) { /* runs over all pixels at each step: without a call for each */
     const uint8_t *head = draw->head + row * width;
     uint32_t silhouette = 0, whole_head = 0;
@@ -125,8 +128,8 @@ fail:
 
 /* Pixel number `place` of the part, in the order of the picture. */
 static int32_t pixel_of_part(const struct draw *draw, const struct part *part, uint32_t place) {
-  const uint32_t width = (uint32_t)draw->t->data.width;
-  uint32_t row = 0, end = (uint32_t)draw->t->data.height;
+  const uint32_t width = (uint32_t)draw->t->shared.data.width;
+  uint32_t row = 0, end = (uint32_t)draw->t->shared.data.height;
   while (end - row > 1) {
     const uint32_t middle = row + (end - row) / 2;
     if (part->above[middle] <= place)
@@ -141,7 +144,7 @@ static int32_t pixel_of_part(const struct draw *draw, const struct part *part, u
 }
 
 static const struct region *region_at(const struct draw *draw, float at) {
-  if (draw->t->config.ray_sampling == ERN_RAY_SAMPLING_DUB)
+  if (draw->t->shared.config.ray_sampling == ERN_RAY_SAMPLING_DUB)
     return at < ERN_DUB_LOWER_FACE_SHARE                      ? &draw->lower_face
            : at < ERN_DUB_LOWER_FACE_SHARE + ERN_DUBBED_SHARE ? &draw->dubbed
                                                               : NULL;
@@ -150,7 +153,7 @@ static const struct region *region_at(const struct draw *draw, float at) {
 
 /* word[2] chooses the region, so that a missing region does not change the rays of the others. */
 static int32_t draw_pixel(const struct draw *draw, const struct ern_random *random) {
-  const uint32_t width = (uint32_t)draw->t->data.width, height = (uint32_t)draw->t->data.height;
+  const uint32_t width = (uint32_t)draw->t->shared.data.width, height = (uint32_t)draw->t->shared.data.height;
   const float at = ern_uniform(random->word[2]);
   const float eyes = 1 - ERN_EYES_SHARE, silhouette = eyes - ERN_SILHOUETTE_SHARE;
   const struct part *part = at >= eyes                          ? NULL
@@ -173,7 +176,7 @@ static void draw_task(void *user, size_t shard, int worker) {
   for (uint32_t tile = 0; tile < draw->tiles; tile++) draw->place[tile * ERN_SHARDS + shard] = 0;
   for (size_t i = p.begin; i < p.end; i++) {
     const struct ern_random random =
-        ern_random_at(t->config.seed, draw->step, (uint32_t)(draw->first + i), ERN_RNG_PIXEL);
+        ern_random_at(t->shared.config.seed, draw->step, (uint32_t)(draw->first + i), ERN_RNG_PIXEL);
     draw->pixel[i] = draw_pixel(draw, &random);
     draw->jitter[i] = ern_uniform(random.word[1]);
     draw->place[tile_of(draw, draw->pixel[i]) * ERN_SHARDS + shard]++;
@@ -198,17 +201,17 @@ static void fill_ray(const struct draw *draw, size_t i, size_t pixel) {
   const float *part = draw->part;
   const ern_trainer *t = draw->t;
   const ern_dataset_frame *about = draw->about;
-  const size_t stride = draw->stride, width = (size_t)t->data.width;
+  const size_t stride = draw->stride, width = (size_t)t->shared.data.width;
   const int row = (int)(pixel / width), column = (int)(pixel % width);
   const uint8_t of_head = draw->head != NULL ? draw->head[pixel] : 128;
-  const bool any =
-      t->config.torso ? t->config.torso_random_background : t->config.head_random_background && is_known(of_head);
+  const bool any = t->shared.config.torso ? t->shared.config.torso_random_background
+                                          : t->shared.config.head_random_background && is_known(of_head);
   struct ern_random colour = {{0}};
-  if (any) colour = ern_random_at(t->config.seed, draw->step, (uint32_t)(draw->first + i), ERN_RNG_BACKGROUND);
+  if (any) colour = ern_random_at(t->shared.config.seed, draw->step, (uint32_t)(draw->first + i), ERN_RNG_BACKGROUND);
   for (size_t c = 0; c < 3; c++) {
-    const float random = ern_uniform(colour.word[c]), clip = part[t->data.background[3 * pixel + c]];
+    const float random = ern_uniform(colour.word[c]), clip = part[t->shared.data.background[3 * pixel + c]];
     float *truth = &t->host_rows[c * stride + i], *behind = &t->host_rows[(3 + c) * stride + i];
-    if (t->config.torso) {
+    if (t->shared.config.torso) {
       *behind = any ? random : clip;
       *truth = over_torso(draw, pixel, c, *behind);
     } else {
@@ -239,7 +242,7 @@ static void fill_task(void *user, size_t shard, int worker) {
 /* Within a tile the rays keep the order in which they were drawn. */
 static ern_status draw_rays(struct draw *draw) {
   ern_trainer *t = draw->t;
-  const uint32_t width = (uint32_t)t->data.width, height = (uint32_t)t->data.height;
+  const uint32_t width = (uint32_t)t->shared.data.width, height = (uint32_t)t->shared.data.height;
   const size_t rays = draw->rays;
   ern_status status = ERN_OK;
   for (draw->side = LEAST_TILE;; draw->side *= 2) {
@@ -247,19 +250,19 @@ static ern_status draw_rays(struct draw *draw) {
     draw->tiles = draw->across * ((height + draw->side - 1) / draw->side);
     if (draw->tiles <= MOST_TILES) break;
   }
-  ERN_TRY(ERN_NEW(t->context, 2 * rays + draw->tiles * (size_t)ERN_SHARDS, &draw->pixel));
+  ERN_TRY(ERN_NEW(t->shared.context, 2 * rays + draw->tiles * (size_t)ERN_SHARDS, &draw->pixel));
   draw->jitter = (float *)(void *)(draw->pixel + rays);
   draw->place = draw->pixel + 2 * rays;
-  ern_pool_run(t->pool, ERN_SHARDS, draw_task, draw);
+  ern_pool_run(t->shared.pool, ERN_SHARDS, draw_task, draw);
   int32_t next = 0;
   for (size_t i = 0; i < draw->tiles * (size_t)ERN_SHARDS; i++) {
     const int32_t count = draw->place[i];
     draw->place[i] = next;
     next += count;
   }
-  ern_pool_run(t->pool, ERN_SHARDS, fill_task, draw);
+  ern_pool_run(t->shared.pool, ERN_SHARDS, fill_task, draw);
 fail:
-  ern_release(t->context, draw->pixel);
+  ern_release(t->shared.context, draw->pixel);
   return status;
 }
 
@@ -270,7 +273,7 @@ static void fill_patches_task(void *user, size_t shard, int worker) {
   const struct range p = range_of(draw, shard);
   for (size_t i = p.begin; i < p.end; i++) {
     const struct ern_random random =
-        ern_random_at(t->config.seed, draw->step, (uint32_t)(draw->first + i), ERN_RNG_PIXEL);
+        ern_random_at(t->shared.config.seed, draw->step, (uint32_t)(draw->first + i), ERN_RNG_PIXEL);
     t->host_rows[7 * draw->stride + i] = ern_uniform(random.word[1]);
     fill_ray(draw, i, (size_t)t->host_pixels[i]);
   }
@@ -279,7 +282,7 @@ static void fill_patches_task(void *user, size_t shard, int worker) {
 /* In the fine stage: draws `count` patches of the step from number `first` on. */
 static void draw_patches(struct draw *draw, size_t first, size_t count) {
   ern_trainer_place_patches(draw->t, draw->about, first, count, draw->t->host_pixels);
-  ern_pool_run(draw->t->pool, ERN_SHARDS, fill_patches_task, draw);
+  ern_pool_run(draw->t->shared.pool, ERN_SHARDS, fill_patches_task, draw);
 }
 
 static int uploaded_rows(const ern_trainer *t) { return t->poses != NULL ? HOST_ROWS : HOST_ROWS - 1; }
@@ -288,8 +291,8 @@ static int uploaded_rows(const ern_trainer *t) { return t->poses != NULL ? HOST_
 static ern_status upload(ern_trainer *t, struct ern_batch *batch, ern_span pixel_number, ern_rows rows) {
   const size_t rays = batch->rays;
   ern_status status = ERN_OK;
-  ERN_TRY(t->backend->upload_int32(t->stream, pixel_number, t->host_pixels, rays));
-  ERN_TRY(t->backend->upload_reals(t->stream, rows.span, t->host_rows, rows.span.count));
+  ERN_TRY(t->shared.backend->upload_int32(t->shared.stream, pixel_number, t->host_pixels, rays));
+  ERN_TRY(t->shared.backend->upload_reals(t->shared.stream, rows.span, t->host_rows, rows.span.count));
   batch->pixel_number = pixel_number;
   batch->truth = ern_rows_part(rows, 0, 3);
   batch->background = ern_rows_part(rows, 3, 3);
@@ -304,8 +307,8 @@ static ern_status upload_now(ern_trainer *t, struct ern_batch *batch) {
   ern_span pixel_number;
   ern_rows rows;
   ern_status status = ERN_OK;
-  ERN_TRY(ern_scratch_take(t->stream, ERN_ELEMENT_INT32, batch->rays, &pixel_number));
-  ERN_TRY(ern_scratch_take_rows(t->stream, uploaded_rows(t), batch->rays, &rows));
+  ERN_TRY(ern_scratch_take(t->shared.stream, ERN_ELEMENT_INT32, batch->rays, &pixel_number));
+  ERN_TRY(ern_scratch_take_rows(t->shared.stream, uploaded_rows(t), batch->rays, &rows));
   status = upload(t, batch, pixel_number, rows);
 fail:
   return status;
@@ -314,7 +317,7 @@ fail:
 /* To memory that the step under way does not use: a device may have to repeat that step. */
 static ern_status upload_ahead(ern_trainer *t, struct ern_batch *batch) {
   const size_t stride = ern_scratch_stride(batch->rays), values = (size_t)uploaded_rows(t) * stride;
-  struct ern_backend *backend = t->backend;
+  struct ern_backend *backend = t->shared.backend;
   ern_status status = ERN_OK;
   t->drawn.place = 1 - t->drawn.place;
   struct ern_buffer **pixels = &t->drawn.pixels[t->drawn.place], **reals = &t->drawn.reals[t->drawn.place];
@@ -329,21 +332,21 @@ fail:
 /* ---- a batch ----------------------------------------------------------------------------------------------------- */
 
 static size_t frame_of_step(const ern_trainer *t, uint64_t step, size_t k) {
-  const struct ern_random random = ern_random_at(t->config.seed, step, (uint32_t)k, ERN_RNG_FRAME);
+  const struct ern_random random = ern_random_at(t->shared.config.seed, step, (uint32_t)k, ERN_RNG_FRAME);
   if (t->blink_count > 0 && ern_uniform(random.word[2]) < ERN_BLINK_SHARE)
     return t->blinks[ern_below(random.word[0], (uint32_t)t->blink_count)];
   return ern_trainer_random_frame(t, random.word[0]);
 }
 
-size_t ern_trainer_step_frame(const ern_trainer *t, size_t k) { return frame_of_step(t, t->step, k); }
+size_t ern_trainer_step_frame(const ern_trainer *t, size_t k) { return frame_of_step(t, t->shared.step, k); }
 
 /* Fills host_pixels and host_rows with batch k of a step; patches only of the next one. */
 static ern_status draw_batch(ern_trainer *t, uint64_t step, size_t k, struct ern_batch *batch) {
   const size_t batches = ern_trainer_step_batches(t), patches = ern_trainer_step_patches(t);
   const size_t frame = k * ern_trainer_step_frames(t) / batches;
-  const struct ern_random of_frame = ern_random_at(t->config.seed, step, (uint32_t)frame, ERN_RNG_FRAME);
-  const size_t each = patches > 0 ? (size_t)t->config.patch_size * (size_t)t->config.patch_size : 1;
-  const size_t units = patches > 0 ? patches : (size_t)t->config.rays; /* divided among the batches */
+  const struct ern_random of_frame = ern_random_at(t->shared.config.seed, step, (uint32_t)frame, ERN_RNG_FRAME);
+  const size_t each = patches > 0 ? (size_t)t->shared.config.patch_size * (size_t)t->shared.config.patch_size : 1;
+  const size_t units = patches > 0 ? patches : (size_t)t->shared.config.rays; /* divided among the batches */
   const size_t first = units * k / batches, count = units * (k + 1) / batches - first;
   ern_dataset_frame about;
   struct draw draw = {.t = t,
@@ -369,8 +372,8 @@ static ern_status draw_batch(ern_trainer *t, uint64_t step, size_t k, struct ern
   else
     ERN_TRY(draw_rays(&draw));
 fail:
-  ern_release(t->context, draw.silhouette.above);
-  ern_release(t->context, draw.whole_head.above);
+  ern_release(t->shared.context, draw.silhouette.above);
+  ern_release(t->shared.context, draw.whole_head.above);
   return status;
 }
 
@@ -382,24 +385,24 @@ static bool is_simple(const ern_trainer *t) {
 void ern_trainer_draw_ahead(void *trainer) {
   ern_trainer *t = trainer;
   char before[ERN_ERROR_BYTES];
-  if (!is_simple(t) || t->drawn.step == t->step + 1 || t->step + 1 >= t->config.iters) return;
-  ern_error_keep(t->context, before);
-  t->drawn.step = draw_batch(t, t->step + 1, 0, &t->drawn.batch) == ERN_OK ? t->step + 1 : 0;
+  if (!is_simple(t) || t->drawn.step == t->shared.step + 1 || t->shared.step + 1 >= t->shared.config.iters) return;
+  ern_error_keep(t->shared.context, before);
+  t->drawn.step = draw_batch(t, t->shared.step + 1, 0, &t->drawn.batch) == ERN_OK ? t->shared.step + 1 : 0;
   t->drawn.uploaded = t->drawn.step > 0 && upload_ahead(t, &t->drawn.batch) == ERN_OK;
-  ern_error_restore(t->context, before); /* that step will fail again, and report it */
+  ern_error_restore(t->shared.context, before); /* that step will fail again, and report it */
 }
 
 ern_status ern_trainer_batch(ern_trainer *t, size_t k, struct ern_batch *batch) {
-  const bool drawn = is_simple(t) && t->step > 0 && t->drawn.step == t->step;
+  const bool drawn = is_simple(t) && t->shared.step > 0 && t->drawn.step == t->shared.step;
   ern_status status = ERN_OK;
   if (drawn)
     *batch = t->drawn.batch;
   else
-    ERN_TRY(draw_batch(t, t->step, k, batch));
+    ERN_TRY(draw_batch(t, t->shared.step, k, batch));
   t->drawn.step = 0;
   if (!drawn || !t->drawn.uploaded) ERN_TRY(upload_now(t, batch));
   if (!ern_trainer_poses_due(t)) batch->rigid = (ern_span){0};
-  if (!t->config.torso) ERN_TRY(ern_trainer_upload_windows(t, batch->frame, batch->of_step, &batch->windows));
+  if (!t->shared.config.torso) ERN_TRY(ern_trainer_upload_windows(t, batch->frame, batch->of_step, &batch->windows));
 fail:
   return status;
 }

@@ -90,37 +90,40 @@ static ern_status check_name(ern_context *context, const char *what, const char 
 }
 
 static ern_status check_data(ern_trainer *t) {
-  const ern_dataset *d = &t->data;
-  ern_train_config *c = &t->config;
+  const ern_dataset *d = &t->shared.data;
+  ern_train_config *c = &t->shared.config;
   if (d->frames[0] < 1 || d->frames[0] > UINT32_MAX || d->frame == NULL || d->pixels == NULL || d->features == NULL ||
       d->background == NULL)
-    return ern_fail(t->context, ERN_E_ARGUMENT, "train: the data lacks frames, features, a background or a callback");
+    return ern_fail(t->shared.context, ERN_E_ARGUMENT,
+                    "train: the data lacks frames, features, a background or a callback");
   if (d->width < 1 || d->height < 1 || d->width > 8192 || d->height > 8192 || !(d->focal > 0) || !isfinite(d->focal) ||
       !isfinite(d->cx) || !isfinite(d->cy))
-    return ern_fail(t->context, ERN_E_ARGUMENT, "train: the camera is %d x %d, focal %g, centre %g, %g", d->width,
-                    d->height, d->focal, d->cx, d->cy);
+    return ern_fail(t->shared.context, ERN_E_ARGUMENT, "train: the camera is %d x %d, focal %g, centre %g, %g",
+                    d->width, d->height, d->focal, d->cx, d->cy);
   if (c->data_end == 0) c->data_end = d->frames[0];
   if (c->data_begin >= c->data_end || c->data_end > d->frames[0])
-    return ern_fail(t->context, ERN_E_ARGUMENT, "train: the frames %zu to %zu are asked for, there are %zu",
+    return ern_fail(t->shared.context, ERN_E_ARGUMENT, "train: the frames %zu to %zu are asked for, there are %zu",
                     c->data_begin, c->data_end, d->frames[0]);
   if (c->torso && !d->has_torso)
-    return ern_fail(t->context, ERN_E_MISSING,
+    return ern_fail(t->shared.context, ERN_E_MISSING,
                     "train: the clip has no torso images (torso_imgs), so no torso can be learnt");
   if (!c->torso && c->eye_attention == ERN_EYE_ATTENTION_CONCAT && !d->has_eye)
-    return ern_fail(t->context, ERN_E_MISSING,
+    return ern_fail(t->shared.context, ERN_E_MISSING,
                     "train: the eye attention is %s, but the clip has no eye values (au.csv) for it",
                     ern_eye_attention_name(c->eye_attention));
   if (c->codes < 0) c->codes = (int)d->frames[0];
   if (c->codes > 0 && (size_t)c->codes < d->frames[0])
-    return ern_fail(t->context, ERN_E_ARGUMENT,
+    return ern_fail(t->shared.context, ERN_E_ARGUMENT,
                     "train: %d individual codes for %zu training frames, expected at least as many", c->codes,
                     d->frames[0]);
-  ern_status status = check_name(t->context, "kind of the speech", d->speech, sizeof t->model->speech - 1);
-  if (status == ERN_OK) status = check_name(t->context, "identity", d->identity, sizeof t->identity - 1);
-  if (status == ERN_OK) status = check_name(t->context, "fingerprint", d->fingerprint, sizeof t->fingerprint - 1);
-  if (status == ERN_OK) status = check_name(t->context, "consent", c->consent, ERN_CONSENT_BYTES - 1);
-  if (status == ERN_OK) status = ern_features_check(t->context, "train", d->features);
-  return status == ERN_OK ? check_all_features(t->context, d) : status;
+  ern_status status =
+      check_name(t->shared.context, "kind of the speech", d->speech, sizeof t->shared.model->speech - 1);
+  if (status == ERN_OK) status = check_name(t->shared.context, "identity", d->identity, sizeof t->shared.identity - 1);
+  if (status == ERN_OK)
+    status = check_name(t->shared.context, "fingerprint", d->fingerprint, sizeof t->shared.fingerprint - 1);
+  if (status == ERN_OK) status = check_name(t->shared.context, "consent", c->consent, ERN_CONSENT_BYTES - 1);
+  if (status == ERN_OK) status = ern_features_check(t->shared.context, "train", d->features);
+  return status == ERN_OK ? check_all_features(t->shared.context, d) : status;
 }
 
 /* ---- model ------------------------------------------------------------------------------------------------------- */
@@ -133,43 +136,43 @@ static int levels_of(const ern_train_config *config) {
 }
 
 static struct ern_model_config head_config(const ern_trainer *t) {
-  return (struct ern_model_config){.backbone = t->config.backbone,
-                                   .attention = t->config.attention,
-                                   .eye_attention = t->config.eye_attention,
-                                   .levels = levels_of(&t->config),
-                                   .feature_width = t->data.features->width,
-                                   .window_length = t->data.features->window_length,
+  return (struct ern_model_config){.backbone = t->shared.config.backbone,
+                                   .attention = t->shared.config.attention,
+                                   .eye_attention = t->shared.config.eye_attention,
+                                   .levels = levels_of(&t->shared.config),
+                                   .feature_width = t->shared.data.features->width,
+                                   .window_length = t->shared.data.features->window_length,
                                    .head = true,
-                                   .eye = t->data.has_eye,
-                                   .no_view = t->config.no_view,
-                                   .codes = t->config.codes,
-                                   .bound = t->config.bound};
+                                   .eye = t->shared.data.has_eye,
+                                   .no_view = t->shared.config.no_view,
+                                   .codes = t->shared.config.codes,
+                                   .bound = t->shared.config.bound};
 }
 
 bool ern_trainer_is_foreign(const ern_trainer *t, const ern_model *model) {
-  return model->clip[0] != 0 && t->identity[0] != 0 && strcmp(model->clip, t->identity) != 0;
+  return model->clip[0] != 0 && t->shared.identity[0] != 0 && strcmp(model->clip, t->shared.identity) != 0;
 }
 
 static ern_status check_head(const ern_trainer *t, const ern_model *head) {
-  if (head->field.config.feature_width != t->data.features->width)
-    return ern_fail(t->context, ERN_E_MISMATCH, "train: the head takes features %d wide, the clip's are %d wide",
-                    head->field.config.feature_width, t->data.features->width);
+  if (head->field.config.feature_width != t->shared.data.features->width)
+    return ern_fail(t->shared.context, ERN_E_MISMATCH, "train: the head takes features %d wide, the clip's are %d wide",
+                    head->field.config.feature_width, t->shared.data.features->width);
   const int length = head->field.config.window_length;
-  if (length > 0 && length != t->data.features->window_length)
-    return ern_fail(t->context, ERN_E_MISMATCH,
+  if (length > 0 && length != t->shared.data.features->window_length)
+    return ern_fail(t->shared.context, ERN_E_MISMATCH,
                     "train: the head was trained on windows of %d vectors of speech, the clip's have %d", length,
-                    t->data.features->window_length);
+                    t->shared.data.features->window_length);
   /* The torso's own shrink is chosen anew. */
   const ern_status status = ern_trainer_check_view(t, "the head", &head->view, false, true);
   if (status != ERN_OK) return status;
   if (head->clip[0] == 0)
-    ern_log(t->context, ERN_LOG_WARNING, "train: the head's file does not say which clip it is of");
+    ern_log(t->shared.context, ERN_LOG_WARNING, "train: the head's file does not say which clip it is of");
   if (ern_trainer_is_foreign(t, head)) {
-    if (!t->config.force)
-      return ern_fail(t->context, ERN_E_MISMATCH,
+    if (!t->shared.config.force)
+      return ern_fail(t->shared.context, ERN_E_MISMATCH,
                       "train: the head was trained on another clip (%.12s..., this one is %.12s...)", head->clip,
-                      t->identity);
-    ern_log(t->context, ERN_LOG_WARNING, "train: the head was trained on another clip%s",
+                      t->shared.identity);
+    ern_log(t->shared.context, ERN_LOG_WARNING, "train: the head was trained on another clip%s",
             head->cameras > 0 ? "; its pose corrections are of that clip's frames, and are left out" : "");
   }
   return ERN_OK;
@@ -202,27 +205,27 @@ ern_status ern_trainer_copy_camera(ern_model *to, const ern_model *from) {
 }
 
 void ern_trainer_log_codes(const ern_trainer *t, const char *path, int found) {
-  const int here = t->model->field.config.codes;
+  const int here = t->shared.model->field.config.codes;
   if (found < here)
-    ern_log(t->context, ERN_LOG_INFO,
+    ern_log(t->shared.context, ERN_LOG_INFO,
             "%s: has %d individual codes for the %d of this training: they are kept, the other %d are fresh", path,
             found, here, here - found);
   if (found > here)
-    ern_log(t->context, ERN_LOG_INFO,
+    ern_log(t->shared.context, ERN_LOG_INFO,
             "%s: has %d individual codes for the %d of this training: the first %d are kept, the others dropped", path,
             found, here, here);
 }
 
 void ern_trainer_keep_consent(ern_trainer *t, const ern_model *from) {
-  if (t->config.consent == NULL && !ern_trainer_is_foreign(t, from))
-    memcpy(t->model->consent, from->consent, sizeof t->model->consent);
+  if (t->shared.config.consent == NULL && !ern_trainer_is_foreign(t, from))
+    memcpy(t->shared.model->consent, from->consent, sizeof t->shared.model->consent);
 }
 
 /* Kind and network of the speech features, into the model; a torso takes them from its head. */
 static ern_status take_speech(ern_trainer *t) {
-  ern_model *model = t->model;
-  const ern_model *head = t->config.torso ? t->config.head : NULL;
-  const char *kind = t->data.speech, *network = t->data.speech_network;
+  ern_model *model = t->shared.model;
+  const ern_model *head = t->shared.config.torso ? t->shared.config.head : NULL;
+  const char *kind = t->shared.data.speech, *network = t->shared.data.speech_network;
   struct ern_speech_description description;
   if (head != NULL) {
     memcpy(model->speech, head->speech, sizeof model->speech);
@@ -231,84 +234,87 @@ static ern_status take_speech(ern_trainer *t) {
   }
   if (kind != NULL) snprintf(model->speech, sizeof model->speech, "%s", kind);
   if (network == NULL || network[0] == 0) return ERN_OK;
-  const ern_status status = ern_speech_description_parse(t->context, "train: speech_network", network, &description);
+  const ern_status status =
+      ern_speech_description_parse(t->shared.context, "train: speech_network", network, &description);
   if (status == ERN_E_FORMAT) return ERN_E_ARGUMENT; /* the caller's text; the error is already recorded */
   if (status != ERN_OK) return status;
   if (kind == NULL || strcmp(kind, description.kind) != 0)
-    return ern_fail(t->context, ERN_E_ARGUMENT, "train: the speech is of the kind %s, and its network of %s",
+    return ern_fail(t->shared.context, ERN_E_ARGUMENT, "train: the speech is of the kind %s, and its network of %s",
                     kind != NULL ? kind : "NULL", description.kind);
-  return ern_speech_description_text(t->context, &description, model->speech_network);
+  return ern_speech_description_text(t->shared.context, &description, model->speech_network);
 }
 
 static ern_status make_model(ern_trainer *t) {
   struct ern_model_config config = head_config(t);
   ern_status status = ERN_OK;
-  if (t->config.torso && t->config.head != NULL) {
-    ERN_TRY(check_head(t, t->config.head));
-    config = t->config.head->field.config;
-    config.window_length = t->data.features->window_length;
-    t->config.bound = config.bound;
-    if (config.codes > 0 && (size_t)config.codes < t->data.frames[0]) config.codes = (int)t->data.frames[0];
+  if (t->shared.config.torso && t->shared.config.head != NULL) {
+    ERN_TRY(check_head(t, t->shared.config.head));
+    config = t->shared.config.head->field.config;
+    config.window_length = t->shared.data.features->window_length;
+    t->shared.config.bound = config.bound;
+    if (config.codes > 0 && (size_t)config.codes < t->shared.data.frames[0])
+      config.codes = (int)t->shared.data.frames[0];
   }
-  if (t->config.torso) {
+  if (t->shared.config.torso) {
     config.torso = true;
-    config.torso_gamma = t->config.torso_gamma;
+    config.torso_gamma = t->shared.config.torso_gamma;
   }
-  ERN_TRY(ern_model_make(&t->model, t->context, &config));
-  t->model->view = ern_trainer_view_settings(t);
-  memcpy(t->model->clip, t->identity, sizeof t->model->clip);
-  t->model->dub =
-      t->config.torso ? t->config.head != NULL && t->config.head->dub : t->config.ray_sampling == ERN_RAY_SAMPLING_DUB;
+  ERN_TRY(ern_model_make(&t->shared.model, t->shared.context, &config));
+  t->shared.model->view = ern_trainer_view_settings(t);
+  memcpy(t->shared.model->clip, t->shared.identity, sizeof t->shared.model->clip);
+  t->shared.model->dub = t->shared.config.torso ? t->shared.config.head != NULL && t->shared.config.head->dub
+                                                : t->shared.config.ray_sampling == ERN_RAY_SAMPLING_DUB;
   ERN_TRY(take_speech(t));
-  if (t->config.consent != NULL)
-    snprintf(t->model->consent, sizeof t->model->consent, "%s", t->config.consent);
-  else if (t->config.head != NULL)
-    ern_trainer_keep_consent(t, t->config.head);
-  ern_parameters_init(t->model->block, &t->model->table, t->config.torso, t->config.seed);
-  if (t->config.torso && t->config.head != NULL) {
-    ern_trainer_copy_rows(t->model, t->config.head, false);
-    if (!ern_trainer_is_foreign(t, t->config.head)) ERN_TRY(ern_trainer_copy_camera(t->model, t->config.head));
-    ern_trainer_log_codes(t, "the head", t->config.head->field.config.codes);
+  if (t->shared.config.consent != NULL)
+    snprintf(t->shared.model->consent, sizeof t->shared.model->consent, "%s", t->shared.config.consent);
+  else if (t->shared.config.head != NULL)
+    ern_trainer_keep_consent(t, t->shared.config.head);
+  ern_parameters_init(t->shared.model->block, &t->shared.model->table, t->shared.config.torso, t->shared.config.seed);
+  if (t->shared.config.torso && t->shared.config.head != NULL) {
+    ern_trainer_copy_rows(t->shared.model, t->shared.config.head, false);
+    if (!ern_trainer_is_foreign(t, t->shared.config.head))
+      ERN_TRY(ern_trainer_copy_camera(t->shared.model, t->shared.config.head));
+    ern_trainer_log_codes(t, "the head", t->shared.config.head->field.config.codes);
   }
 fail:
   return status;
 }
 
 ern_status ern_trainer_choose_precision(ern_trainer *t, const char *path, ern_precision wanted) {
-  const bool backend = t->backend->trains_bf16, own = ern_field_is_standard(&t->model->field);
-  const bool can = backend && own && !t->config.torso;
-  t->bf16 = wanted == ERN_PRECISION_BF16 || (wanted == ERN_PRECISION_AUTO && can);
-  if (can || !t->bf16) return ERN_OK;
-  if (t->config.torso)
-    return ern_fail(t->context, ERN_E_UNSUPPORTED, "%s: precision is bf16, expected fp32 for a torso", path);
+  const bool backend = t->shared.backend->trains_bf16, own = ern_field_is_standard(&t->shared.model->field);
+  const bool can = backend && own && !t->shared.config.torso;
+  t->shared.bf16 = wanted == ERN_PRECISION_BF16 || (wanted == ERN_PRECISION_AUTO && can);
+  if (can || !t->shared.bf16) return ERN_OK;
+  if (t->shared.config.torso)
+    return ern_fail(t->shared.context, ERN_E_UNSUPPORTED, "%s: precision is bf16, expected fp32 for a torso", path);
   if (!own)
-    return ern_fail(t->context, ERN_E_UNSUPPORTED,
+    return ern_fail(t->shared.context, ERN_E_UNSUPPORTED,
                     "%s: precision is bf16, expected fp32 for a head that is not trihash with channel attention", path);
-  return ern_fail(t->context, ERN_E_UNSUPPORTED,
+  return ern_fail(t->shared.context, ERN_E_UNSUPPORTED,
                   "%s: precision is bf16, expected fp32 on the backend %s, %s: bf16 needs the cpu's instruction set "
                   "avx512bf16",
-                  path, t->backend->name, t->backend->isa);
+                  path, t->shared.backend->name, t->shared.backend->isa);
 }
 
 /* ---- memory ------------------------------------------------------------------------------------------------------ */
 
 static ern_status take_device(ern_trainer *t) {
-  const size_t n = (t->model->field.parameters + 63) / 64 * 64, cells = ERN_OCCUPANCY_CELLS;
-  const bool head = !t->config.torso;
+  const size_t n = (t->shared.model->field.parameters + 63) / 64 * 64, cells = ERN_OCCUPANCY_CELLS;
+  const bool head = !t->shared.config.torso;
   size_t at = 0;
   ern_status status = ERN_OK;
-  ERN_TRY(t->backend->buffer_make(t->backend, ERN_ELEMENT_REAL, 4 * n + (head ? 2 * cells : 0) + ERN_TORSO_CELLS,
-                                  &t->reals));
-  ern_span *const blocks[] = {&t->parameters, &t->gradient, &t->second_moment, &t->average};
-  for (size_t i = 0; i < 4; i++, at += n) *blocks[i] = (ern_span){t->reals, at, t->model->field.parameters};
+  ERN_TRY(t->shared.backend->buffer_make(t->shared.backend, ERN_ELEMENT_REAL,
+                                         4 * n + (head ? 2 * cells : 0) + ERN_TORSO_CELLS, &t->reals));
+  ern_span *const blocks[] = {&t->shared.parameters, &t->gradient, &t->second_moment, &t->average};
+  for (size_t i = 0; i < 4; i++, at += n) *blocks[i] = (ern_span){t->reals, at, t->shared.model->field.parameters};
   t->torso_grid = (ern_span){t->reals, at, ERN_TORSO_CELLS};
   at += ERN_TORSO_CELLS;
-  ERN_TRY(t->backend->buffer_make(t->backend, ERN_ELEMENT_BYTE, ERN_OCCUPANCY_BYTES, &t->bits_buffer));
+  ERN_TRY(t->shared.backend->buffer_make(t->shared.backend, ERN_ELEMENT_BYTE, ERN_OCCUPANCY_BYTES, &t->bits_buffer));
   t->bits = (ern_span){t->bits_buffer, 0, ERN_OCCUPANCY_BYTES};
   if (head) {
     t->grid = (ern_span){t->reals, at, cells};
     t->fresh = (ern_span){t->reals, at + cells, cells};
-    ERN_TRY(t->backend->buffer_make(t->backend, ERN_ELEMENT_INT32, cells, &t->cells_buffer));
+    ERN_TRY(t->shared.backend->buffer_make(t->shared.backend, ERN_ELEMENT_INT32, cells, &t->cells_buffer));
     t->cells = (ern_span){t->cells_buffer, 0, cells};
   }
 fail:
@@ -317,11 +323,12 @@ fail:
 
 /* Only a few in a hundred frames have shut eyes: too few of them would be drawn in a short training. */
 static ern_status find_blinks(ern_trainer *t) {
-  const size_t frames = t->config.data_end - t->config.data_begin;
+  const size_t frames = t->shared.config.data_end - t->shared.config.data_begin;
   ern_status status = ERN_OK;
-  if (t->config.torso || t->config.ray_sampling != ERN_RAY_SAMPLING_REGIONS || !t->data.has_eye) return ERN_OK;
-  ERN_TRY(ERN_NEW(t->context, frames, &t->blinks));
-  for (size_t i = t->config.data_begin; i < t->config.data_end; i++) {
+  if (t->shared.config.torso || t->shared.config.ray_sampling != ERN_RAY_SAMPLING_REGIONS || !t->shared.data.has_eye)
+    return ERN_OK;
+  ERN_TRY(ERN_NEW(t->shared.context, frames, &t->blinks));
+  for (size_t i = t->shared.config.data_begin; i < t->shared.config.data_end; i++) {
     ern_dataset_frame about;
     ERN_TRY(ern_trainer_frame(t, 0, i, &about));
     if (about.eye >= 0.5f) t->blinks[t->blink_count++] = i;
@@ -333,11 +340,11 @@ fail:
 static ern_status take_host(ern_trainer *t) {
   const uint8_t *head = NULL;
   ern_status status = ERN_OK;
-  ERN_TRY(ern_pool_make(t->context, t->config.threads, &t->pool));
-  ERN_TRY(ERN_NEW(t->context, t->data.frames[0], &t->views));
-  for (size_t i = 0; i < t->data.frames[0]; i++) ERN_TRY(ern_trainer_view(t, 0, i, &t->views[i]));
+  ERN_TRY(ern_pool_make(t->shared.context, t->shared.config.threads, &t->shared.pool));
+  ERN_TRY(ERN_NEW(t->shared.context, t->shared.data.frames[0], &t->shared.views));
+  for (size_t i = 0; i < t->shared.data.frames[0]; i++) ERN_TRY(ern_trainer_view(t, 0, i, &t->shared.views[i]));
   ERN_TRY(find_blinks(t));
-  ERN_TRY(ern_trainer_head(t, t->config.data_begin, &head)); /* so that an invalid one is found now */
+  ERN_TRY(ern_trainer_head(t, t->shared.config.data_begin, &head)); /* so that an invalid one is found now */
   ERN_TRY(ern_trainer_poses_make(t));
   ERN_TRY(ern_trainer_speech_make(t));
   ERN_TRY(ern_trainer_parts_make(t));
@@ -347,23 +354,23 @@ fail:
 
 static ern_status take_rays(ern_trainer *t) {
   const size_t rays = ern_trainer_most_rays(t);
-  ern_status status = ERN_NEW(t->context, rays, &t->host_pixels);
-  if (status == ERN_OK) status = ERN_NEW(t->context, 9 * ern_scratch_stride(rays), &t->host_rows);
+  ern_status status = ERN_NEW(t->shared.context, rays, &t->host_pixels);
+  if (status == ERN_OK) status = ERN_NEW(t->shared.context, 9 * ern_scratch_stride(rays), &t->host_rows);
   return status;
 }
 
 /* Checks that the average can have enough updates by the last step. With config.seconds the number of steps is not
  * known beforehand. */
 static ern_status check_average(const ern_trainer *t) {
-  const ern_train_config *c = &t->config;
-  const uint64_t every = c->ema_every, least = ERN_LEAST_EMA_UPDATES, done = t->step / every,
-                 updates = t->ema_updates + (c->iters > t->step ? c->iters / every - done : 0);
+  const ern_train_config *c = &t->shared.config;
+  const uint64_t every = c->ema_every, least = ERN_LEAST_EMA_UPDATES, done = t->shared.step / every,
+                 updates = t->ema_updates + (c->iters > t->shared.step ? c->iters / every - done : 0);
   if (!c->ema || t->output == NULL || c->seconds > 0 || updates >= least) return ERN_OK;
-  const uint64_t missing = least - t->ema_updates, left = c->iters > t->step ? c->iters - t->step : 0;
+  const uint64_t missing = least - t->ema_updates, left = c->iters > t->shared.step ? c->iters - t->shared.step : 0;
   char shorter[64] = "";
   if (left >= missing)
     snprintf(shorter, sizeof shorter, "at most %" PRIu64 " steps between updates or ", left / missing);
-  return ern_fail(t->context, ERN_E_ARGUMENT,
+  return ern_fail(t->shared.context, ERN_E_ARGUMENT,
                   "train: the average of %" PRIu64 " steps in all with %" PRIu64 " between its updates has %" PRIu64
                   " updates, expected at least %" PRIu64 ": choose %s%" PRIu64 " steps in all or more",
                   c->iters, every, updates, least, shorter, (done + missing) * every);
@@ -371,18 +378,19 @@ static ern_status check_average(const ern_trainer *t) {
 
 /* The SHA-256 of the speech features; with data augmentation, also over its settings and each copy. */
 static void name_features(ern_trainer *t) {
-  const ern_features *f = t->data.features;
+  const ern_features *f = t->shared.data.features;
   const size_t bytes = f->windows * (size_t)f->window_length * (size_t)f->width * sizeof(float);
   char text[160], copy[65];
-  ern_sha256_hex(f->data, bytes, t->features);
-  for (size_t k = 0; k < t->data.copy_count; k++) {
-    ern_sha256_hex(t->data.copies[k].data, bytes, copy);
-    const int length = ern_format(text, sizeof text, "%s%s%a", t->features, copy, (double)t->data.copy_share);
-    ern_sha256_hex(text, (size_t)length, t->features);
+  ern_sha256_hex(f->data, bytes, t->shared.features);
+  for (size_t k = 0; k < t->shared.data.copy_count; k++) {
+    ern_sha256_hex(t->shared.data.copies[k].data, bytes, copy);
+    const int length =
+        ern_format(text, sizeof text, "%s%s%a", t->shared.features, copy, (double)t->shared.data.copy_share);
+    ern_sha256_hex(text, (size_t)length, t->shared.features);
   }
-  if (t->data.speech_noise > 0) {
-    const int length = ern_format(text, sizeof text, "%s%a", t->features, (double)t->data.speech_noise);
-    ern_sha256_hex(text, (size_t)length, t->features);
+  if (t->shared.data.speech_noise > 0) {
+    const int length = ern_format(text, sizeof text, "%s%a", t->shared.features, (double)t->shared.data.speech_noise);
+    ern_sha256_hex(text, (size_t)length, t->shared.features);
   }
 }
 
@@ -391,18 +399,18 @@ static void name_features(ern_trainer *t) {
 static ern_status check_output(ern_trainer *t, bool resumed) {
   char before[ERN_ERROR_BYTES];
   ern_model *model = NULL;
-  t->run.keep = !resumed && !t->config.overwrite;
-  if (t->config.overwrite) return ERN_OK;
-  if (!resumed) return ern_run_folder_check_free(t->context, t->output, &t->run, t->config.resume);
+  t->run.keep = !resumed && !t->shared.config.overwrite;
+  if (t->shared.config.overwrite) return ERN_OK;
+  if (!resumed) return ern_run_folder_check_free(t->shared.context, t->output, &t->run, t->shared.config.resume);
   if (access(t->output, F_OK) != 0) return ERN_OK;
-  ern_error_keep(t->context, before);
-  const ern_status loaded = ern_model_load(&model, t->context, t->output);
-  const bool clip = loaded == ERN_OK && strcmp(model->clip, t->identity) == 0;
-  const bool torso = loaded == ERN_OK && model->field.config.torso, own = clip && torso == t->config.torso;
+  ern_error_keep(t->shared.context, before);
+  const ern_status loaded = ern_model_load(&model, t->shared.context, t->output);
+  const bool clip = loaded == ERN_OK && strcmp(model->clip, t->shared.identity) == 0;
+  const bool torso = loaded == ERN_OK && model->field.config.torso, own = clip && torso == t->shared.config.torso;
   ern_model_free(&model);
-  ern_error_restore(t->context, before);
+  ern_error_restore(t->shared.context, before);
   if (own || loaded == ERN_E_NO_MEMORY) return loaded;
-  return ern_fail(t->context, ERN_E_EXISTS, "%s: is %s, and would be replaced; --overwrite does that", t->output,
+  return ern_fail(t->shared.context, ERN_E_EXISTS, "%s: is %s, and would be replaced; --overwrite does that", t->output,
                   !clip   ? "no model of this clip"
                   : torso ? "a portrait with a torso"
                           : "a head without a torso");
@@ -410,30 +418,31 @@ static ern_status check_output(ern_trainer *t, bool resumed) {
 
 /* Initial values, then those that a resume or --from puts in their place. */
 static ern_status fill(ern_trainer *t) {
-  const size_t n = t->model->field.parameters;
+  const size_t n = t->shared.model->field.parameters;
   bool resumed = false;
   ern_status status = ERN_OK;
-  ERN_TRY(t->backend->upload_reals(t->stream, t->parameters, t->model->block, n));
-  ERN_TRY(t->backend->copy(t->stream, t->average, t->parameters, n));
-  ERN_TRY(t->backend->upload_bytes(t->stream, t->bits, t->model->bits, ERN_OCCUPANCY_BYTES));
-  if (!t->config.torso) {
+  ERN_TRY(t->shared.backend->upload_reals(t->shared.stream, t->shared.parameters, t->shared.model->block, n));
+  ERN_TRY(t->shared.backend->copy(t->shared.stream, t->average, t->shared.parameters, n));
+  ERN_TRY(t->shared.backend->upload_bytes(t->shared.stream, t->bits, t->shared.model->bits, ERN_OCCUPANCY_BYTES));
+  if (!t->shared.config.torso) {
     ERN_TRY(ern_trainer_mark(t));
     ERN_TRY(ern_trainer_list(t));
   }
-  if (t->config.resume && t->output != NULL) {
+  if (t->shared.config.resume && t->output != NULL) {
     ERN_TRY(ern_trainer_resume(t, &resumed));
-    ern_trainer_follow_time(t, t->step);
-    if (t->step > t->config.iters)
-      ERN_TRY(ern_fail(t->context, ERN_E_STATE,
+    ern_trainer_follow_time(t, t->shared.step);
+    if (t->shared.step > t->shared.config.iters)
+      ERN_TRY(ern_fail(t->shared.context, ERN_E_STATE,
                        "%s: the state is at step %" PRIu64 ", expected at most the %" PRIu64 " of --iters",
-                       t->run.folder, t->step, t->config.iters));
+                       t->run.folder, t->shared.step, t->shared.config.iters));
   }
   if (t->output != NULL) ERN_TRY(check_output(t, resumed));
-  if (t->config.resume && t->output != NULL && !resumed)
-    ern_log(t->context, ERN_LOG_WARNING, "resume: nothing was saved in %s yet; starting at step 0", t->run.folder);
-  if (!resumed && t->config.from != NULL) ERN_TRY(ern_trainer_take_file(t, t->config.from));
+  if (t->shared.config.resume && t->output != NULL && !resumed)
+    ern_log(t->shared.context, ERN_LOG_WARNING, "resume: nothing was saved in %s yet; starting at step 0",
+            t->run.folder);
+  if (!resumed && t->shared.config.from != NULL) ERN_TRY(ern_trainer_take_file(t, t->shared.config.from));
   if (t->output != NULL && (!resumed || access(t->run.curve, F_OK) != 0))
-    ERN_TRY(ern_lines_add(t->context, &t->run.curve_lines, "step,seconds,psnr\n"));
+    ERN_TRY(ern_lines_add(t->shared.context, &t->run.curve_lines, "step,seconds,psnr\n"));
 fail:
   return status;
 }
@@ -461,25 +470,25 @@ ern_status ern_trainer_create_sized(ern_trainer **trainer, ern_backend *backend,
   ERN_TRY(check_config(context, &chosen));
   if (chosen.communicator != NULL && chosen.communicator->rank > 0) leave_files(&chosen);
   ERN_TRY(ERN_NEW(context, 1, &t));
-  t->context = context;
-  t->backend = backend;
-  t->data = data;
-  t->config = chosen;
+  t->shared.context = context;
+  t->shared.backend = backend;
+  t->shared.data = data;
+  t->shared.config = chosen;
   t->run.lock = t->torso_run.lock = -1;
   t->fine_from = UINT64_MAX;
-  t->communicator = (ern_communicator){.size = 1};
-  if (chosen.communicator != NULL) t->communicator = *chosen.communicator;
-  t->config.communicator = NULL;
+  t->shared.communicator = (ern_communicator){.size = 1};
+  if (chosen.communicator != NULL) t->shared.communicator = *chosen.communicator;
+  t->shared.config.communicator = NULL;
   ERN_TRY(ern_trainer_fine_take(t));
   ERN_TRY(check_data(t));
-  if (data.identity != NULL) memcpy(t->identity, data.identity, strlen(data.identity) + 1);
-  if (data.fingerprint != NULL) memcpy(t->fingerprint, data.fingerprint, strlen(data.fingerprint) + 1);
+  if (data.identity != NULL) memcpy(t->shared.identity, data.identity, strlen(data.identity) + 1);
+  if (data.fingerprint != NULL) memcpy(t->shared.fingerprint, data.fingerprint, strlen(data.fingerprint) + 1);
   ERN_TRY(make_model(t));
   ERN_TRY(ern_trainer_choose_precision(t, "train", chosen.precision));
-  ERN_TRY(backend->stream_make(backend, chosen.threads, &t->stream));
+  ERN_TRY(backend->stream_make(backend, chosen.threads, &t->shared.stream));
   ERN_TRY(take_device(t));
   ERN_TRY(take_host(t));
-  ERN_TRY(check_range(context, "scale", (double)t->data.scale, ERN_LEAST_SCALE, ERN_MOST_SCALE));
+  ERN_TRY(check_range(context, "scale", (double)t->shared.data.scale, ERN_LEAST_SCALE, ERN_MOST_SCALE));
   if (chosen.output != NULL) {
     ERN_TRY(ern_string_copy(context, chosen.output, &t->output));
     if (!chosen.resume && chosen.from == NULL) ERN_TRY(check_average(t)); /* before the folder is made */
@@ -490,16 +499,17 @@ ern_status ern_trainer_create_sized(ern_trainer **trainer, ern_backend *backend,
     ERN_TRY(ern_run_folder_open(context, t->output, &t->run));
     ERN_TRY(ern_run_folder_check_outside(context, &t->run, chosen.from));
   }
-  if (chosen.output != NULL || t->communicator.size > 1) name_features(t);
+  if (chosen.output != NULL || t->shared.communicator.size > 1) name_features(t);
   ERN_TRY(fill(t));
   ERN_TRY(ern_trainer_share_state(t));
   ERN_TRY(ern_trainer_fine_begin(t, t->fine_from));
   ERN_TRY(take_rays(t));
   t->pruned = t->pruned && ern_trainer_prune_due(t); /* a training that is resumed for longer refreshes again */
   ERN_TRY(check_average(t));
-  t->config.output = t->output;
-  t->config.from = t->config.torso_output = NULL; /* the caller's texts and head are no longer used, only copies */
-  t->config.head = NULL;
+  t->shared.config.output = t->output;
+  t->shared.config.from = t->shared.config.torso_output =
+      NULL; /* the caller's texts and head are no longer used, only copies */
+  t->shared.config.head = NULL;
   *trainer = t;
   return ERN_OK;
 fail:
@@ -511,27 +521,27 @@ void ern_trainer_free(ern_trainer **trainer) {
   if (trainer == NULL || *trainer == NULL) return;
   ern_trainer *t = *trainer;
   *trainer = NULL;
-  ern_run_folder_close(t->context, &t->run);
-  ern_run_folder_close(t->context, &t->torso_run);
-  t->backend->buffer_free(t->backend, t->reals);
-  t->backend->buffer_free(t->backend, t->bits_buffer);
-  t->backend->buffer_free(t->backend, t->patch_filter);
-  t->backend->buffer_free(t->backend, t->cells_buffer);
+  ern_run_folder_close(t->shared.context, &t->run);
+  ern_run_folder_close(t->shared.context, &t->torso_run);
+  t->shared.backend->buffer_free(t->shared.backend, t->reals);
+  t->shared.backend->buffer_free(t->shared.backend, t->bits_buffer);
+  t->shared.backend->buffer_free(t->shared.backend, t->patch_filter);
+  t->shared.backend->buffer_free(t->shared.backend, t->cells_buffer);
   for (int i = 0; i < 2; i++) {
-    t->backend->buffer_free(t->backend, t->drawn.pixels[i]);
-    t->backend->buffer_free(t->backend, t->drawn.reals[i]);
+    t->shared.backend->buffer_free(t->shared.backend, t->drawn.pixels[i]);
+    t->shared.backend->buffer_free(t->shared.backend, t->drawn.reals[i]);
   }
-  t->backend->stream_free(t->stream);
-  ern_pool_free(t->pool);
+  t->shared.backend->stream_free(t->shared.stream);
+  ern_pool_free(t->shared.pool);
   ern_trainer_poses_free(t);
   ern_trainer_parts_free(t);
-  ern_release(t->context, t->views);
-  ern_release(t->context, t->blinks);
-  ern_release(t->context, t->host_pixels);
-  ern_release(t->context, t->host_rows);
-  ern_release(t->context, t->host_windows);
-  ern_release(t->context, t->speech_deviation);
-  ern_release(t->context, t->output);
-  ern_model_free(&t->model);
-  ern_release(t->context, t);
+  ern_release(t->shared.context, t->shared.views);
+  ern_release(t->shared.context, t->blinks);
+  ern_release(t->shared.context, t->host_pixels);
+  ern_release(t->shared.context, t->host_rows);
+  ern_release(t->shared.context, t->host_windows);
+  ern_release(t->shared.context, t->speech_deviation);
+  ern_release(t->shared.context, t->output);
+  ern_model_free(&t->shared.model);
+  ern_release(t->shared.context, t);
 }

@@ -34,21 +34,21 @@ ern_status ern_trainer_parts_check(ern_context *context, const ern_train_config 
 }
 
 size_t ern_trainer_step_batches(const ern_trainer *t) {
-  const size_t frames = ern_trainer_step_frames(t), parts = (size_t)t->config.step_parts;
+  const size_t frames = ern_trainer_step_frames(t), parts = (size_t)t->shared.config.step_parts;
   return frames > parts ? frames : parts;
 }
 
 size_t ern_trainer_first_batch(const ern_trainer *t) {
-  return ern_trainer_own_batches(t) * (size_t)t->communicator.rank;
+  return ern_trainer_own_batches(t) * (size_t)t->shared.communicator.rank;
 }
 
 /* The range from the first to the last trained row; rows in between that are not trained have no gradient. */
 static void find_values(ern_trainer *t) {
-  const struct ern_parameter_table *table = &t->model->table;
+  const struct ern_parameter_table *table = &t->shared.model->table;
   size_t begin = SIZE_MAX, end = 0;
   for (int r = 0; r < table->rows; r++) {
     const struct ern_parameter *row = &table->row[r];
-    if (row->torso != t->config.torso) continue;
+    if (row->torso != t->shared.config.torso) continue;
     if (row->at < begin) begin = row->at;
     if (row->at + row->count > end) end = row->at + row->count;
   }
@@ -60,20 +60,21 @@ ern_status ern_trainer_parts_make(ern_trainer *t) {
   struct ern_trainer_parts *parts = &t->parts;
   size_t levels = 2; /* one more than the height of the tree over this process's parts */
   ern_status status = ERN_OK;
-  if (t->config.step_parts == 1) return ERN_OK;
-  for (int own = t->config.step_parts / t->communicator.size; own > 1; own /= 2) levels++;
+  if (t->shared.config.step_parts == 1) return ERN_OK;
+  for (int own = t->shared.config.step_parts / t->shared.communicator.size; own > 1; own /= 2) levels++;
   find_values(t);
-  ERN_TRY(ERN_NEW(t->context, levels * parts->count, &parts->values));
-  ERN_TRY(ERN_NEW(t->context, levels, &parts->sums));
-  if (t->communicator.size > 1 && !t->config.torso) ERN_TRY(ERN_NEW(t->context, ERN_REFRESH_CHUNK, &parts->gathered));
+  ERN_TRY(ERN_NEW(t->shared.context, levels * parts->count, &parts->values));
+  ERN_TRY(ERN_NEW(t->shared.context, levels, &parts->sums));
+  if (t->shared.communicator.size > 1 && !t->shared.config.torso)
+    ERN_TRY(ERN_NEW(t->shared.context, ERN_REFRESH_CHUNK, &parts->gathered));
 fail:
   return status;
 }
 
 void ern_trainer_parts_free(ern_trainer *t) {
-  ern_release(t->context, t->parts.values);
-  ern_release(t->context, t->parts.sums);
-  ern_release(t->context, t->parts.gathered);
+  ern_release(t->shared.context, t->parts.values);
+  ern_release(t->shared.context, t->parts.sums);
+  ern_release(t->shared.context, t->parts.gathered);
   t->parts = (struct ern_trainer_parts){0};
 }
 
@@ -96,17 +97,18 @@ static ern_status part_step(ern_trainer *t, struct ern_batch *batches, size_t co
   struct ern_trainer_parts *parts = &t->parts;
   ern_status status = ERN_OK;
   parts->sums[height] = (struct ern_step_sum){.samples = 0};
-  ERN_TRY(t->backend->zero(t->stream, t->gradient));
+  ERN_TRY(t->shared.backend->zero(t->shared.stream, t->gradient));
   for (size_t k = 0; k < count; k++) ERN_TRY(ern_trainer_batch_step(t, &batches[k], &parts->sums[height]));
-  ERN_TRY(t->backend->download_reals(t->stream, parts->values + height * parts->count,
-                                     ern_span_part(t->gradient, parts->begin, parts->count), parts->count));
+  ERN_TRY(t->shared.backend->download_reals(t->shared.stream, parts->values + height * parts->count,
+                                            ern_span_part(t->gradient, parts->begin, parts->count), parts->count));
 fail:
   return status;
 }
 
 ern_status ern_trainer_parts_step(ern_trainer *t, struct ern_batch *batches, struct ern_step_sum *sum) {
   struct ern_trainer_parts *parts = &t->parts;
-  const size_t own = (size_t)(t->config.step_parts / t->communicator.size), each = ern_trainer_own_batches(t) / own;
+  const size_t own = (size_t)(t->shared.config.step_parts / t->shared.communicator.size),
+               each = ern_trainer_own_batches(t) / own;
   const size_t frames = ern_trainer_step_frames(t), all = ern_trainer_step_batches(t);
   size_t height = 0;
   ern_status status = ERN_OK;
@@ -114,9 +116,9 @@ ern_status ern_trainer_parts_step(ern_trainer *t, struct ern_batch *batches, str
     ERN_TRY(part_step(t, batches + p * each, each, height++));
     for (size_t above = p + 1; above % 2 == 0; above /= 2) merge(parts, height--);
   }
-  if (t->communicator.rank == 0) {
-    parts->sums[0].seconds = t->seconds + t->pending_seconds;
-    parts->sums[0].beside = t->beside;
+  if (t->shared.communicator.rank == 0) {
+    parts->sums[0].seconds = t->shared.seconds + t->shared.pending_seconds;
+    parts->sums[0].beside = t->shared.beside;
   }
   ERN_TRY(ern_trainer_sum(t, parts->values, parts->count, &parts->sums[0]));
   *sum = parts->sums[0];
@@ -125,8 +127,8 @@ ern_status ern_trainer_parts_step(ern_trainer *t, struct ern_batch *batches, str
   for (size_t i = 0; i < parts->count && share != 1; i++) parts->values[i] *= share;
   for (size_t i = 0; i < frames * ERN_POSE_PARAMETERS; i++)
     sum->dpose[i / ERN_POSE_PARAMETERS][i % ERN_POSE_PARAMETERS] *= (double)share;
-  ERN_TRY(t->backend->upload_reals(t->stream, ern_span_part(t->gradient, parts->begin, parts->count), parts->values,
-                                   parts->count));
+  ERN_TRY(t->shared.backend->upload_reals(t->shared.stream, ern_span_part(t->gradient, parts->begin, parts->count),
+                                          parts->values, parts->count));
 fail:
   return status;
 }

@@ -31,11 +31,11 @@ static int by_time(const void *left, const void *right) {
 
 /* Frames of [data_begin, data_end) with consecutive moments are neighbours. */
 static ern_status find_neighbours(ern_trainer *t, struct ern_trainer_poses *p) {
-  const size_t begin = t->config.data_begin, count = t->config.data_end - begin;
+  const size_t begin = t->shared.config.data_begin, count = t->shared.config.data_end - begin;
   struct frame_time *frame_time = NULL;
-  ern_status status = ERN_NEW(t->context, count, &frame_time);
+  ern_status status = ERN_NEW(t->shared.context, count, &frame_time);
   if (status != ERN_OK) return status;
-  for (size_t i = 0; i < t->data.frames[0]; i++) {
+  for (size_t i = 0; i < t->shared.data.frames[0]; i++) {
     ern_dataset_frame about;
     ERN_TRY(ern_trainer_frame(t, 0, i, &about));
     p->speech_row[i] = about.aud_id;
@@ -49,7 +49,7 @@ static ern_status find_neighbours(ern_trainer *t, struct ern_trainer_poses *p) {
     p->beside[2 * frame_time[i - 1].frame + 1] = frame_time[i].frame;
   }
 fail:
-  ern_release(t->context, frame_time);
+  ern_release(t->shared.context, frame_time);
   return status;
 }
 
@@ -75,23 +75,23 @@ static bool has_both(const struct ern_trainer_poses *p, size_t frame) {
 }
 
 ern_status ern_trainer_poses_make(ern_trainer *t) {
-  const size_t frames = t->data.frames[0];
+  const size_t frames = t->shared.data.frames[0];
   struct ern_trainer_poses *p = NULL;
   ern_status status = ERN_OK;
-  if (!t->config.refine_poses || t->config.torso) return ERN_OK;
-  ERN_TRY(ERN_NEW(t->context, 1, &p));
+  if (!t->shared.config.refine_poses || t->shared.config.torso) return ERN_OK;
+  ERN_TRY(ERN_NEW(t->shared.context, 1, &p));
   t->poses = p;
-  ERN_TRY(ERN_NEW(t->context, N * frames, &p->row));
-  ERN_TRY(ERN_NEW(t->context, N * frames, &p->bend));
-  ERN_TRY(ERN_NEW(t->context, 2 * frames, &p->beside));
-  ERN_TRY(ERN_NEW(t->context, frames, &p->speech_row));
-  if (t->model->camera == NULL) ERN_TRY(ERN_NEW(t->context, N * frames, &t->model->camera));
-  t->model->cameras = frames;
+  ERN_TRY(ERN_NEW(t->shared.context, N * frames, &p->row));
+  ERN_TRY(ERN_NEW(t->shared.context, N * frames, &p->bend));
+  ERN_TRY(ERN_NEW(t->shared.context, 2 * frames, &p->beside));
+  ERN_TRY(ERN_NEW(t->shared.context, frames, &p->speech_row));
+  if (t->shared.model->camera == NULL) ERN_TRY(ERN_NEW(t->shared.context, N * frames, &t->shared.model->camera));
+  t->shared.model->cameras = frames;
   ERN_TRY(find_neighbours(t, p));
   for (size_t i = 0; i < frames; i++) {
     if (!has_both(p, i)) continue;
-    add_way(p->bend + N * i, t->views[p->beside[2 * i]].pose, t->views[i].pose);
-    add_way(p->bend + N * i, t->views[p->beside[2 * i + 1]].pose, t->views[i].pose);
+    add_way(p->bend + N * i, t->shared.views[p->beside[2 * i]].pose, t->shared.views[i].pose);
+    add_way(p->bend + N * i, t->shared.views[p->beside[2 * i + 1]].pose, t->shared.views[i].pose);
   }
 fail:
   return status;
@@ -100,11 +100,11 @@ fail:
 void ern_trainer_poses_free(ern_trainer *t) {
   struct ern_trainer_poses *p = t->poses;
   if (p == NULL) return;
-  ern_release(t->context, p->row);
-  ern_release(t->context, p->bend);
-  ern_release(t->context, p->beside);
-  ern_release(t->context, p->speech_row);
-  ern_release(t->context, p);
+  ern_release(t->shared.context, p->row);
+  ern_release(t->shared.context, p->bend);
+  ern_release(t->shared.context, p->beside);
+  ern_release(t->shared.context, p->speech_row);
+  ern_release(t->shared.context, p);
   t->poses = NULL;
 }
 
@@ -113,7 +113,7 @@ void ern_trainer_poses_free(ern_trainer *t) {
 /* Removes the mean of the rows: an offset common to all frames describes another head, not other poses. */
 static void hold_mean(ern_trainer *t) {
   struct ern_trainer_poses *p = t->poses;
-  const size_t begin = t->config.data_begin, end = t->config.data_end;
+  const size_t begin = t->shared.config.data_begin, end = t->shared.config.data_end;
   double mean[N] = {0};
   for (size_t i = begin; i < end; i++)
     for (size_t k = 0; k < N; k++) mean[k] += (double)p->row[N * i + k] / (double)(end - begin);
@@ -124,8 +124,9 @@ static void hold_mean(ern_trainer *t) {
 /* Row `frame` of the model, a trained one: degrees, and how far the camera goes, turn included. */
 static void give_row(ern_trainer *t, size_t frame) {
   const double degree = 3.14159265358979323846 / 180;
-  const float *row = t->poses->row + N * frame, *pose = t->views[frame].pose;
-  float *angle = t->model->camera + 3 * frame, *move = t->model->camera + 3 * (t->model->cameras + frame);
+  const float *row = t->poses->row + N * frame, *pose = t->shared.views[frame].pose;
+  float *angle = t->shared.model->camera + 3 * frame,
+        *move = t->shared.model->camera + 3 * (t->shared.model->cameras + frame);
   float turned[16];
   for (size_t k = 0; k < 3; k++) {
     angle[k] = (float)((double)row[k] / degree);
@@ -134,25 +135,25 @@ static void give_row(ern_trainer *t, size_t frame) {
   /* the columns of a rotation turn as any vector does: the origin stands where the first one was */
   memcpy(turned, pose, sizeof turned);
   for (int r = 0; r < 3; r++) turned[4 * r] = pose[4 * r + 3];
-  ern_model_refine(t->model, frame, turned);
+  ern_model_refine(t->shared.model, frame, turned);
   for (int r = 0; r < 3; r++) move[r] = (float)((double)turned[4 * r] - (double)pose[4 * r + 3] + (double)row[3 + r]);
 }
 
 struct ern_view ern_trainer_poses_view(ern_trainer *t, size_t frame) {
-  struct ern_view view = t->views[frame];
+  struct ern_view view = t->shared.views[frame];
   if (t->poses == NULL) return view;
   give_row(t, frame);
-  ern_model_refine(t->model, frame, view.pose);
+  ern_model_refine(t->shared.model, frame, view.pose);
   return view;
 }
 
 /* Frames that are not trained on get the rows that the regression predicts. */
 static void give_predicted(ern_trainer *t) {
-  ern_model *model = t->model;
-  for (size_t i = 0; i < t->data.frames[0]; i++) {
+  ern_model *model = t->shared.model;
+  for (size_t i = 0; i < t->shared.data.frames[0]; i++) {
     double row[N];
-    if (i >= t->config.data_begin && i < t->config.data_end) continue;
-    ern_pose_regression_predict(&model->unseen, t->views[i].pose, row);
+    if (i >= t->shared.config.data_begin && i < t->shared.config.data_end) continue;
+    ern_pose_regression_predict(&model->unseen, t->shared.views[i].pose, row);
     for (size_t k = 0; k < 3; k++) {
       model->camera[3 * i + k] = (float)row[k];
       model->camera[3 * (model->cameras + i) + k] = (float)row[3 + k];
@@ -161,35 +162,35 @@ static void give_predicted(ern_trainer *t) {
 }
 
 ern_status ern_trainer_poses_download(ern_trainer *t) {
-  const size_t begin = t->config.data_begin, count = t->config.data_end - begin;
-  const ern_model *model = t->model;
+  const size_t begin = t->shared.config.data_begin, count = t->shared.config.data_end - begin;
+  const ern_model *model = t->shared.model;
   float *pose = NULL, *row = NULL;
   ern_status status = ERN_OK;
   if (t->poses == NULL) return ERN_OK;
-  ERN_TRY(ERN_NEW(t->context, 16 * count, &pose));
-  ERN_TRY(ERN_NEW(t->context, N * count, &row));
+  ERN_TRY(ERN_NEW(t->shared.context, 16 * count, &pose));
+  ERN_TRY(ERN_NEW(t->shared.context, N * count, &row));
   for (size_t i = 0; i < count; i++) {
     give_row(t, begin + i);
-    memcpy(pose + 16 * i, t->views[begin + i].pose, 16 * sizeof *pose);
+    memcpy(pose + 16 * i, t->shared.views[begin + i].pose, 16 * sizeof *pose);
     for (size_t k = 0; k < 3; k++) {
       row[N * i + k] = model->camera[3 * (begin + i) + k];
       row[N * i + 3 + k] = model->camera[3 * (model->cameras + begin + i) + k];
     }
   }
-  ern_pose_regression_fit(&t->model->unseen, pose, row, count);
+  ern_pose_regression_fit(&t->shared.model->unseen, pose, row, count);
   give_predicted(t);
 fail:
-  ern_release(t->context, pose);
-  ern_release(t->context, row);
+  ern_release(t->shared.context, pose);
+  ern_release(t->shared.context, row);
   return status;
 }
 
 ern_status ern_trainer_poses_take(ern_trainer *t, const ern_model *model) {
   const double degree = 3.14159265358979323846 / 180;
-  const size_t rows = model->cameras < t->data.frames[0] ? model->cameras : t->data.frames[0];
+  const size_t rows = model->cameras < t->shared.data.frames[0] ? model->cameras : t->shared.data.frames[0];
   if (t->poses == NULL) return ERN_OK;
   for (size_t i = 0; i < rows; i++) {
-    const float *pose = t->views[i].pose;
+    const float *pose = t->shared.views[i].pose;
     float *row = t->poses->row + N * i, turned[16];
     memcpy(turned, pose, sizeof turned);
     for (int r = 0; r < 3; r++) turned[4 * r] = pose[4 * r + 3];
@@ -209,7 +210,7 @@ static uint64_t first_step(const ern_trainer *t) { return ern_trainer_coarse_ste
 
 /* Not in the fine stage: a patch shows too little of the head. */
 bool ern_trainer_poses_due(const ern_trainer *t) {
-  return t->poses != NULL && t->step >= first_step(t) && !ern_trainer_is_fine(t);
+  return t->poses != NULL && t->shared.step >= first_step(t) && !ern_trainer_is_fine(t);
 }
 
 /* r_k = bend + second difference of the rows: what the path bends by at a frame. */
@@ -232,10 +233,11 @@ static double size_of(float *mean_square, const double gradient[3]) {
 void ern_trainer_poses_step(ern_trainer *t, size_t frame, const double *dpose) {
   struct ern_trainer_poses *p = t->poses;
   const uint64_t last = ern_trainer_coarse_steps(t);
-  const double left = (double)(last - first_step(t)), s = last > t->step ? (double)(last - t->step) / left : 0;
-  const double fall = s * s,
-               visits = left * t->config.frames_per_step / (double)(t->config.data_end - t->config.data_begin);
-  const double scale = (double)t->data.scale;
+  const double left = (double)(last - first_step(t)),
+               s = last > t->shared.step ? (double)(last - t->shared.step) / left : 0;
+  const double fall = s * s, visits = left * t->shared.config.frames_per_step /
+                                      (double)(t->shared.config.data_end - t->shared.config.data_begin);
+  const double scale = (double)t->shared.data.scale;
   const double rate[2] = {fall * fmin(3 * reach_turn / visits, most_turn),
                           fall * scale * fmin(3 * reach_move / visits, most_move)};
   const double size[2] = {size_of(&p->mean_square[0], dpose), size_of(&p->mean_square[1], dpose + 3)};

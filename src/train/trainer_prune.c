@@ -28,11 +28,11 @@ struct samples {
 };
 
 static ern_status samples_make(const ern_trainer *t, struct samples *s) {
-  const size_t most = (size_t)CHUNK * (size_t)t->config.max_steps; /* max_steps <= 1024 */
+  const size_t most = (size_t)CHUNK * (size_t)t->shared.config.max_steps; /* max_steps <= 1024 */
   ern_status status = ERN_OK;
-  ERN_TRY(ERN_NEW(t->context, 2 * CHUNK + 1, &s->pixel));
+  ERN_TRY(ERN_NEW(t->shared.context, 2 * CHUNK + 1, &s->pixel));
   s->first = s->pixel + CHUNK;
-  ERN_TRY(ERN_NEW(t->context, 5 * most + CHUNK, &s->sigma));
+  ERN_TRY(ERN_NEW(t->shared.context, 5 * most + CHUNK, &s->sigma));
   s->jitter = s->sigma + 5 * most;
   s->dt = s->sigma + most;
   for (size_t axis = 0; axis < 3; axis++) s->x[axis] = s->sigma + (2 + axis) * most;
@@ -43,10 +43,10 @@ fail:
 /* Takes the next pixels of a frame, from number `begin` on; returns how many. Their starts are jittered within a step,
  * as in training: without jitter, rays would miss cells that rays of another pose meet first. */
 static size_t rays_of(const ern_trainer *t, size_t k, size_t begin, const struct samples *s) {
-  const size_t pixels = (size_t)t->data.width * (size_t)t->data.height;
+  const size_t pixels = (size_t)t->shared.data.width * (size_t)t->shared.data.height;
   size_t count = 0;
   for (size_t at = STRIDE * begin + k % STRIDE; at < pixels && count < CHUNK; at += STRIDE) {
-    s->jitter[count] = ern_uniform(ern_random_at(t->config.seed, k, (uint32_t)at, ERN_RNG_PRUNE).word[0]);
+    s->jitter[count] = ern_uniform(ern_random_at(t->shared.config.seed, k, (uint32_t)at, ERN_RNG_PRUNE).word[0]);
     s->pixel[count++] = (int32_t)at;
   }
   return count;
@@ -77,82 +77,83 @@ static void weigh(const ern_trainer *t, struct samples *s, size_t rays, float sh
     }
     const float least = fmaxf(share * most, least_weight);
     for (size_t i = begin; i < end; i++)
-      if (!(s->sigma[i] < least)) needed[cell_of(s, i, t->config.bound)] = true; /* NaN: needed */
+      if (!(s->sigma[i] < least)) needed[cell_of(s, i, t->shared.config.bound)] = true; /* NaN: needed */
   }
 }
 
 static ern_status look_at(ern_trainer *t, const struct ern_view *view, struct ern_head_density_args density,
                           struct samples *s, size_t rays, bool *needed) {
-  const struct ern_arena_mark mark = ern_arena_mark(t->stream);
+  const struct ern_arena_mark mark = ern_arena_mark(t->shared.stream);
   const struct ern_march_settings march = ern_trainer_march(t);
-  struct ern_backend *backend = t->backend;
+  struct ern_backend *backend = t->shared.backend;
   struct ern_marched marched;
   ern_span pixel, jitter;
   ern_status status = ERN_OK;
-  ERN_TRY(ern_scratch_take(t->stream, ERN_ELEMENT_INT32, rays, &pixel));
-  ERN_TRY(backend->upload_int32(t->stream, pixel, s->pixel, rays));
-  ERN_TRY(ern_scratch_take(t->stream, ERN_ELEMENT_REAL, rays, &jitter));
-  ERN_TRY(backend->upload_reals(t->stream, jitter, s->jitter, rays));
-  ERN_TRY(ern_march_rays(t->stream, pixel, view, jitter, t->bits, &march, rays, &marched));
-  ERN_TRY(ern_scratch_take(t->stream, ERN_ELEMENT_REAL, marched.total, &density.sigma));
+  ERN_TRY(ern_scratch_take(t->shared.stream, ERN_ELEMENT_INT32, rays, &pixel));
+  ERN_TRY(backend->upload_int32(t->shared.stream, pixel, s->pixel, rays));
+  ERN_TRY(ern_scratch_take(t->shared.stream, ERN_ELEMENT_REAL, rays, &jitter));
+  ERN_TRY(backend->upload_reals(t->shared.stream, jitter, s->jitter, rays));
+  ERN_TRY(ern_march_rays(t->shared.stream, pixel, view, jitter, t->bits, &march, rays, &marched));
+  ERN_TRY(ern_scratch_take(t->shared.stream, ERN_ELEMENT_REAL, marched.total, &density.sigma));
   density.x = marched.x;
   density.n = marched.total;
-  ERN_TRY(backend->head_density(t->stream, &density));
-  ERN_TRY(backend->download_int32(t->stream, s->first, marched.first, rays + 1));
-  ERN_TRY(backend->download_reals(t->stream, s->sigma, density.sigma, marched.total));
-  ERN_TRY(backend->download_reals(t->stream, s->dt, marched.dt, marched.total));
+  ERN_TRY(backend->head_density(t->shared.stream, &density));
+  ERN_TRY(backend->download_int32(t->shared.stream, s->first, marched.first, rays + 1));
+  ERN_TRY(backend->download_reals(t->shared.stream, s->sigma, density.sigma, marched.total));
+  ERN_TRY(backend->download_reals(t->shared.stream, s->dt, marched.dt, marched.total));
   for (int axis = 0; axis < 3; axis++)
-    ERN_TRY(
-        backend->download_reals(t->stream, s->x[axis], ern_span_of_row(marched.x, axis, marched.total), marched.total));
-  weigh(t, s, rays, t->config.prune_share, needed);
+    ERN_TRY(backend->download_reals(t->shared.stream, s->x[axis], ern_span_of_row(marched.x, axis, marched.total),
+                                    marched.total));
+  weigh(t, s, rays, t->shared.config.prune_share, needed);
 fail:
-  ern_arena_release(t->stream, mark);
+  ern_arena_release(t->shared.stream, mark);
   return status;
 }
 
 static ern_status look_at_frame(ern_trainer *t, size_t k, size_t frame, struct samples *s, bool *needed) {
-  const struct ern_arena_mark mark = ern_arena_mark(t->stream);
-  const struct ern_view view = t->poses != NULL ? ern_trainer_poses_view(t, frame) : t->views[frame];
+  const struct ern_arena_mark mark = ern_arena_mark(t->shared.stream);
+  const struct ern_view view = t->poses != NULL ? ern_trainer_poses_view(t, frame) : t->shared.views[frame];
   ern_dataset_frame about;
   ern_span code;
   ern_status status = ERN_OK;
   ERN_TRY(ern_trainer_frame(t, 0, frame, &about));
   ERN_TRY(ern_trainer_audio_code(t, frame, &code));
   const struct ern_head_density_args density = {
-      .parameters = t->parameters, .field = &t->model->field, .code = code, .eye_value = about.eye};
+      .parameters = t->shared.parameters, .field = &t->shared.model->field, .code = code, .eye_value = about.eye};
   size_t rays;
   for (size_t begin = 0; (rays = rays_of(t, k, begin, s)) > 0; begin += rays)
     ERN_TRY(look_at(t, &view, density, s, rays, needed));
 fail:
-  ern_arena_release(t->stream, mark);
+  ern_arena_release(t->shared.stream, mark);
   return status;
 }
 
 bool ern_trainer_prune_due(const ern_trainer *t) {
-  const bool last_part = (double)t->step >= prune_from * (double)ern_trainer_coarse_steps(t);
-  return !t->config.torso && t->config.prune_share > 0 && t->step > 0 && last_part;
+  const bool last_part = (double)t->shared.step >= prune_from * (double)ern_trainer_coarse_steps(t);
+  return !t->shared.config.torso && t->shared.config.prune_share > 0 && t->shared.step > 0 && last_part;
 }
 
 ern_status ern_trainer_prune(ern_trainer *t) {
-  const size_t begin = t->config.data_begin, all = t->config.data_end - begin, count = all < FRAMES ? all : FRAMES;
+  const size_t begin = t->shared.config.data_begin, all = t->shared.config.data_end - begin,
+               count = all < FRAMES ? all : FRAMES;
   struct samples s = {0};
   bool *needed = NULL;
   uint8_t *bits = NULL;
   ern_status status = ERN_OK;
   ERN_TRY(samples_make(t, &s));
-  ERN_TRY(ERN_NEW(t->context, ERN_OCCUPANCY_CELLS, &needed));
-  ERN_TRY(ERN_NEW(t->context, ERN_OCCUPANCY_BYTES, &bits));
+  ERN_TRY(ERN_NEW(t->shared.context, ERN_OCCUPANCY_CELLS, &needed));
+  ERN_TRY(ERN_NEW(t->shared.context, ERN_OCCUPANCY_BYTES, &bits));
   for (size_t k = 0; k < count; k++) ERN_TRY(look_at_frame(t, k, begin + k * all / count, &s, needed));
-  ERN_TRY(t->backend->download_bytes(t->stream, bits, t->bits, t->bits.count));
+  ERN_TRY(t->shared.backend->download_bytes(t->shared.stream, bits, t->bits, t->bits.count));
   for (uint32_t cell = 0; cell < ERN_OCCUPANCY_CELLS; cell++)
     if (!needed[cell]) bits[cell >> 3] &= (uint8_t) ~(1u << (cell & 7));
-  ERN_TRY(t->backend->upload_bytes(t->stream, t->bits, bits, t->bits.count));
-  ERN_TRY(t->backend->synchronize(t->stream));
+  ERN_TRY(t->shared.backend->upload_bytes(t->shared.stream, t->bits, bits, t->bits.count));
+  ERN_TRY(t->shared.backend->synchronize(t->shared.stream));
   t->pruned = true;
 fail:
-  ern_release(t->context, bits);
-  ern_release(t->context, needed);
-  ern_release(t->context, s.sigma);
-  ern_release(t->context, s.pixel);
+  ern_release(t->shared.context, bits);
+  ern_release(t->shared.context, needed);
+  ern_release(t->shared.context, s.sigma);
+  ern_release(t->shared.context, s.pixel);
   return status;
 }

@@ -28,10 +28,10 @@ struct schedule {
 
 /* The schedule at the next step. During the warm-up no space is known to be empty, and all cells are updated. */
 static struct schedule schedule_of(const ern_trainer *t) {
-  const bool first = t->step < ERN_REFRESH_WARM_UP;
-  if (t->config.refresh_every > 0) return (struct schedule){t->config.refresh_every, 1};
+  const bool first = t->shared.step < ERN_REFRESH_WARM_UP;
+  if (t->shared.config.refresh_every > 0) return (struct schedule){t->shared.config.refresh_every, 1};
   struct schedule made = {ERN_REFRESH_EVERY, first ? 1 : SHARES};
-  while (made.every < (first ? WARM_UP_EVERY : MOST_EVERY) && made.every * (uint64_t)t->config.rays < NEAR_RAYS)
+  while (made.every < (first ? WARM_UP_EVERY : MOST_EVERY) && made.every * (uint64_t)t->shared.config.rays < NEAR_RAYS)
     made.every *= 2;
   return made;
 }
@@ -41,22 +41,24 @@ uint64_t ern_trainer_refresh_every(const ern_trainer *t) { return schedule_of(t)
 static struct ern_occupancy_decay decay_of(const ern_trainer *t) {
   const struct schedule schedule = schedule_of(t);
   struct ern_occupancy_decay made = {.near = occupancy_decay};
-  if (t->config.refresh_every == 0) made.near = powf(occupancy_decay, (float)schedule.every / ERN_REFRESH_EVERY);
+  if (t->shared.config.refresh_every == 0) made.near = powf(occupancy_decay, (float)schedule.every / ERN_REFRESH_EVERY);
   made.far = powf(made.near, (float)schedule.shares);
   made.turn.mask = schedule.shares - 1;
-  made.turn.turn = (uint32_t)(t->step / schedule.every) & made.turn.mask;
+  made.turn.turn = (uint32_t)(t->shared.step / schedule.every) & made.turn.mask;
   return made;
 }
 
 ern_status ern_trainer_mark(ern_trainer *t) {
-  struct ern_occupancy_mark_args mark = {
-      .grid = t->grid, .views = t->views, .view_count = t->data.frames[0], .bound = t->config.bound};
-  return t->backend->occupancy_mark(t->stream, &mark);
+  struct ern_occupancy_mark_args mark = {.grid = t->grid,
+                                         .views = t->shared.views,
+                                         .view_count = t->shared.data.frames[0],
+                                         .bound = t->shared.config.bound};
+  return t->shared.backend->occupancy_mark(t->shared.stream, &mark);
 }
 
 ern_status ern_trainer_list(ern_trainer *t) {
   struct ern_occupancy_list_args list = {.cells = t->cells, .grid = t->grid, .bits = t->bits};
-  const ern_status status = t->backend->occupancy_list(t->stream, &list);
+  const ern_status status = t->shared.backend->occupancy_list(t->shared.stream, &list);
   t->cell_count = list.count;
   return status;
 }
@@ -64,36 +66,36 @@ ern_status ern_trainer_list(ern_trainer *t) {
 /* Density of cells [begin, begin + n) of the list, with the frame's speech and eye, into t->fresh. Each of several
  * processes that train together evaluates a share. */
 static ern_status look_at(ern_trainer *t, ern_span code, float eye, size_t begin, size_t n) {
-  const struct ern_arena_mark mark = ern_arena_mark(t->stream);
-  const size_t rank = (size_t)t->communicator.rank, size = (size_t)t->communicator.size;
+  const struct ern_arena_mark mark = ern_arena_mark(t->shared.stream);
+  const size_t rank = (size_t)t->shared.communicator.rank, size = (size_t)t->shared.communicator.size;
   const size_t first = n * rank / size, own = n * (rank + 1) / size - first;
   const ern_span cells = ern_span_part(t->cells, begin, n);
   ern_span sigma;
   ern_rows x;
   ern_status status = ERN_OK;
-  ERN_TRY(ern_scratch_take_rows(t->stream, 3, own, &x));
-  ERN_TRY(ern_scratch_take(t->stream, ERN_ELEMENT_REAL, n, &sigma));
+  ERN_TRY(ern_scratch_take_rows(t->shared.stream, 3, own, &x));
+  ERN_TRY(ern_scratch_take(t->shared.stream, ERN_ELEMENT_REAL, n, &sigma));
   struct ern_occupancy_points_args points = {.x = x,
                                              .cells = ern_span_part(cells, first, own),
-                                             .bound = t->config.bound,
-                                             .seed = t->config.seed,
-                                             .step = t->step,
+                                             .bound = t->shared.config.bound,
+                                             .seed = t->shared.config.seed,
+                                             .step = t->shared.step,
                                              .n = own};
-  ERN_TRY(t->backend->occupancy_points(t->stream, &points));
+  ERN_TRY(t->shared.backend->occupancy_points(t->shared.stream, &points));
   struct ern_head_density_args density = {.sigma = ern_span_part(sigma, first, own),
                                           .x = x,
-                                          .parameters = t->parameters,
-                                          .field = &t->model->field,
+                                          .parameters = t->shared.parameters,
+                                          .field = &t->shared.model->field,
                                           .code = code,
                                           .eye_value = eye,
-                                          .bf16 = t->bf16,
+                                          .bf16 = t->shared.bf16,
                                           .n = own};
-  ERN_TRY(t->backend->head_density(t->stream, &density));
+  ERN_TRY(t->shared.backend->head_density(t->shared.stream, &density));
   ERN_TRY(ern_trainer_gather(t, sigma, n));
   struct ern_occupancy_scatter_args scatter = {.fresh = t->fresh, .cells = cells, .sigma = sigma, .n = n};
-  ERN_TRY(t->backend->occupancy_scatter(t->stream, &scatter));
+  ERN_TRY(t->shared.backend->occupancy_scatter(t->shared.stream, &scatter));
 fail:
-  ern_arena_release(t->stream, mark);
+  ern_arena_release(t->shared.stream, mark);
   return status;
 }
 
@@ -102,24 +104,24 @@ fail:
 static ern_status list_due(ern_trainer *t, struct ern_occupancy_turn turn) {
   struct ern_occupancy_list_args list = {.cells = t->cells, .grid = t->grid, .bits = t->bits, .turn = turn};
   if (turn.mask == 0) return ERN_OK; /* all cells: the list has them already */
-  const ern_status status = t->backend->occupancy_list(t->stream, &list);
+  const ern_status status = t->shared.backend->occupancy_list(t->shared.stream, &list);
   t->cell_count = list.count;
-  return status == ERN_OK ? t->backend->zero(t->stream, t->fresh) : status;
+  return status == ERN_OK ? t->shared.backend->zero(t->shared.stream, t->fresh) : status;
 }
 
 ern_status ern_trainer_audio_code(ern_trainer *t, size_t frame, ern_span *code) {
-  struct ern_audio_fwd_args audio = {.parameters = t->parameters, .net = t->model->field.audio};
+  struct ern_audio_fwd_args audio = {.parameters = t->shared.parameters, .net = t->shared.model->field.audio};
   ern_status status = ERN_OK;
   ERN_TRY(ern_trainer_upload_windows(t, frame, 0, &audio.windows));
-  ERN_TRY(ern_scratch_take(t->stream, ERN_ELEMENT_REAL, ERN_AUDIO_CODE, &audio.code));
-  ERN_TRY(t->backend->audio_fwd(t->stream, &audio));
+  ERN_TRY(ern_scratch_take(t->shared.stream, ERN_ELEMENT_REAL, ERN_AUDIO_CODE, &audio.code));
+  ERN_TRY(t->shared.backend->audio_fwd(t->shared.stream, &audio));
   *code = audio.code;
 fail:
   return status;
 }
 
 static ern_status refresh_head(ern_trainer *t, size_t frame) {
-  const struct ern_arena_mark mark = ern_arena_mark(t->stream);
+  const struct ern_arena_mark mark = ern_arena_mark(t->shared.stream);
   const struct ern_occupancy_decay decay = decay_of(t);
   ern_dataset_frame about;
   ern_span code;
@@ -131,40 +133,40 @@ static ern_status refresh_head(ern_trainer *t, size_t frame) {
     ERN_TRY(look_at(t, code, about.eye, begin, t->cell_count - begin < CHUNK ? t->cell_count - begin : CHUNK));
   struct ern_occupancy_update_args update = {
       .grid = t->grid, .bits = t->bits, .fresh = t->fresh, .decay = decay, .limit = 10};
-  ERN_TRY(t->backend->occupancy_update(t->stream, &update));
+  ERN_TRY(t->shared.backend->occupancy_update(t->shared.stream, &update));
 fail:
-  ern_arena_release(t->stream, mark);
+  ern_arena_release(t->shared.stream, mark);
   return status;
 }
 
 static ern_status refresh_torso(ern_trainer *t, size_t frame) {
-  const struct ern_arena_mark mark = ern_arena_mark(t->stream);
-  const struct ern_torso_inputs in = {&t->model->field, t->parameters, t->views[frame].pose,
+  const struct ern_arena_mark mark = ern_arena_mark(t->shared.stream);
+  const struct ern_torso_inputs in = {&t->shared.model->field, t->shared.parameters, t->shared.views[frame].pose,
                                       ern_trainer_code(t, frame)};
   struct ern_torso_batch batch;
   ern_status status = ERN_OK;
-  ERN_TRY(ern_torso_batch_take(t->stream, &t->model->field, ERN_TORSO_CELLS, &batch));
+  ERN_TRY(ern_torso_batch_take(t->shared.stream, &t->shared.model->field, ERN_TORSO_CELLS, &batch));
   struct ern_torso_points_args points = {
-      .q = batch.q, .shrink = t->config.torso_shrink, .seed = t->config.seed, .step = t->step};
-  ERN_TRY(t->backend->torso_points(t->stream, &points));
-  ERN_TRY(ern_torso_fwd(t->stream, &in, &batch));
+      .q = batch.q, .shrink = t->shared.config.torso_shrink, .seed = t->shared.config.seed, .step = t->shared.step};
+  ERN_TRY(t->shared.backend->torso_points(t->shared.stream, &points));
+  ERN_TRY(ern_torso_fwd(t->shared.stream, &in, &batch));
   struct ern_torso_update_args update = {
       .grid = t->torso_grid, .alpha = ern_span_of_row(batch.layer, 0, ERN_TORSO_CELLS), .decay = decay_of(t).near};
-  ERN_TRY(t->backend->torso_update(t->stream, &update));
+  ERN_TRY(t->shared.backend->torso_update(t->shared.stream, &update));
   t->torso_mean = update.mean;
 fail:
-  ern_arena_release(t->stream, mark);
+  ern_arena_release(t->shared.stream, mark);
   return status;
 }
 
 ern_status ern_trainer_refresh(ern_trainer *t) {
-  const size_t frame =
-      ern_trainer_random_frame(t, ern_random_at(t->config.seed, t->step, 0, ERN_RNG_REFRESH_FRAME).word[0]);
-  return t->config.torso ? refresh_torso(t, frame) : refresh_head(t, frame);
+  const size_t frame = ern_trainer_random_frame(
+      t, ern_random_at(t->shared.config.seed, t->shared.step, 0, ERN_RNG_REFRESH_FRAME).word[0]);
+  return t->shared.config.torso ? refresh_torso(t, frame) : refresh_head(t, frame);
 }
 
 ern_status ern_trainer_occupancy(ern_trainer *t) {
   if (t->pruned) return ERN_OK;
   if (ern_trainer_prune_due(t)) return ern_trainer_prune(t);
-  return t->step % schedule_of(t).every == 0 ? ern_trainer_refresh(t) : ERN_OK;
+  return t->shared.step % schedule_of(t).every == 0 ? ern_trainer_refresh(t) : ERN_OK;
 }

@@ -17,17 +17,19 @@
 #include "model/kinds.h"
 #include "train/state_about.h"
 
-bool ern_trainer_is_averaged(const ern_trainer *t) { return t->config.ema && t->ema_updates >= ERN_LEAST_EMA_UPDATES; }
+bool ern_trainer_is_averaged(const ern_trainer *t) {
+  return t->shared.config.ema && t->ema_updates >= ERN_LEAST_EMA_UPDATES;
+}
 
 ern_status ern_trainer_download(ern_trainer *t, ern_span from) {
-  ern_model *model = t->model;
+  ern_model *model = t->shared.model;
   ern_status status = ERN_OK;
-  ERN_TRY(t->backend->download_reals(t->stream, model->block, from, model->field.parameters));
-  ERN_TRY(t->backend->download_bytes(t->stream, model->bits, t->bits, t->bits.count));
+  ERN_TRY(t->shared.backend->download_reals(t->shared.stream, model->block, from, model->field.parameters));
+  ERN_TRY(t->shared.backend->download_bytes(t->shared.stream, model->bits, t->bits, t->bits.count));
   if (model->field.config.torso)
-    ERN_TRY(t->backend->download_reals(t->stream, model->torso_grid, t->torso_grid, t->torso_grid.count));
+    ERN_TRY(t->shared.backend->download_reals(t->shared.stream, model->torso_grid, t->torso_grid, t->torso_grid.count));
   ERN_TRY(ern_trainer_poses_download(t));
-  *(t->config.torso ? &model->torso_steps : &model->head_steps) = t->step;
+  *(t->shared.config.torso ? &model->torso_steps : &model->head_steps) = t->shared.step;
 fail:
   return status;
 }
@@ -44,9 +46,9 @@ struct state_tensors {
 };
 
 static void add_rows(struct state_tensors *s, const ern_trainer *t, const char *prefix, const float *block) {
-  for (int r = 0; r < t->model->table.rows; r++) {
-    const struct ern_parameter *row = &t->model->table.row[r];
-    if (row->torso != t->config.torso) continue;
+  for (int r = 0; r < t->shared.model->table.rows; r++) {
+    const struct ern_parameter *row = &t->shared.model->table.row[r];
+    if (row->torso != t->shared.config.torso) continue;
     char *name = s->name[s->names++];
     snprintf(name, sizeof s->name[0], "%s%s", prefix, row->name);
     s->tensor[s->count++] = (struct ern_tensor){.name = name,
@@ -59,7 +61,7 @@ static void add_rows(struct state_tensors *s, const ern_trainer *t, const char *
 }
 
 static void add_poses(struct state_tensors *s, const ern_trainer *t) {
-  const size_t frames = t->data.frames[0];
+  const size_t frames = t->shared.data.frames[0];
   if (t->poses == NULL) return;
   s->tensor[s->count++] = (struct ern_tensor){.name = "state.camera",
                                               .dtype = ERN_F32,
@@ -76,17 +78,17 @@ static void add_poses(struct state_tensors *s, const ern_trainer *t) {
 }
 
 static ern_status read_state(ern_trainer *t, struct state_tensors *s) {
-  const size_t n = t->model->field.parameters;
+  const size_t n = t->shared.model->field.parameters;
   ern_status status = ERN_OK;
-  ERN_TRY(ERN_NEW(t->context, n, &s->second_moment));
-  ERN_TRY(t->backend->download_reals(t->stream, s->second_moment, t->second_moment, n));
-  ERN_TRY(ERN_NEW(t->context, n, &s->average));
-  ERN_TRY(t->backend->download_reals(t->stream, s->average, t->average, n));
-  if (!t->config.torso) {
-    ERN_TRY(ERN_NEW(t->context, ERN_OCCUPANCY_CELLS, &s->grid));
-    ERN_TRY(t->backend->download_reals(t->stream, s->grid, t->grid, ERN_OCCUPANCY_CELLS));
+  ERN_TRY(ERN_NEW(t->shared.context, n, &s->second_moment));
+  ERN_TRY(t->shared.backend->download_reals(t->shared.stream, s->second_moment, t->second_moment, n));
+  ERN_TRY(ERN_NEW(t->shared.context, n, &s->average));
+  ERN_TRY(t->shared.backend->download_reals(t->shared.stream, s->average, t->average, n));
+  if (!t->shared.config.torso) {
+    ERN_TRY(ERN_NEW(t->shared.context, ERN_OCCUPANCY_CELLS, &s->grid));
+    ERN_TRY(t->shared.backend->download_reals(t->shared.stream, s->grid, t->grid, ERN_OCCUPANCY_CELLS));
   }
-  ern_model_tensors(t->model, &s->model);
+  ern_model_tensors(t->shared.model, &s->model);
   memcpy(s->tensor, s->model.tensor, s->model.count * sizeof s->tensor[0]);
   s->count = s->model.count;
   add_rows(s, t, "state.moment.", s->second_moment);
@@ -112,21 +114,22 @@ static ern_status write_next(ern_trainer *t) {
   struct state_tensors *s = NULL;
   char *model_text = NULL, *state_text = NULL;
   ern_status status = ERN_OK;
-  ERN_TRY(ERN_NEW(t->context, 1, &s));
+  ERN_TRY(ERN_NEW(t->shared.context, 1, &s));
   ERN_TRY(read_state(t, s));
-  ERN_TRY(ern_model_metadata(t->model, &model_text));
+  ERN_TRY(ern_model_metadata(t->shared.model, &model_text));
   ERN_TRY(ern_state_about_text(t, &state_text));
   const struct ern_metadata metadata[] = {{"format", "ernerf"}, {"ernerf", model_text}, {"ernerf.state", state_text}};
-  ERN_TRY(ern_safetensors_write(t->context, t->run.next, s->tensor, s->count, metadata, 3, ERN_EXISTING_REPLACE));
+  ERN_TRY(
+      ern_safetensors_write(t->shared.context, t->run.next, s->tensor, s->count, metadata, 3, ERN_EXISTING_REPLACE));
 fail:
   if (s != NULL) {
-    ern_release(t->context, s->second_moment);
-    ern_release(t->context, s->average);
-    ern_release(t->context, s->grid);
+    ern_release(t->shared.context, s->second_moment);
+    ern_release(t->shared.context, s->average);
+    ern_release(t->shared.context, s->grid);
   }
-  ern_release(t->context, s);
-  ern_release(t->context, model_text);
-  ern_release(t->context, state_text);
+  ern_release(t->shared.context, s);
+  ern_release(t->shared.context, model_text);
+  ern_release(t->shared.context, state_text);
   return status;
 }
 
@@ -135,7 +138,7 @@ fail:
 static ern_status keep_good(ern_trainer *t) {
   const char *oldest = access(t->run.previous, F_OK) == 0 ? t->run.previous : t->run.state;
   if (t->diverged && access(oldest, F_OK) == 0) {
-    const ern_status status = move(t->context, oldest, t->run.good);
+    const ern_status status = move(t->shared.context, oldest, t->run.good);
     if (status != ERN_OK) return status;
   }
   t->diverged = false;
@@ -161,7 +164,7 @@ static bool keep_rights(const struct ern_run_folder *run) {
  * state. */
 static ern_status write_state(ern_trainer *t) {
   ern_status status = ERN_OK;
-  if (!t->run.fresh) ERN_TRY(ern_run_folder_flush(t->context, &t->run));
+  if (!t->run.fresh) ERN_TRY(ern_run_folder_flush(t->shared.context, &t->run));
   const bool made = keep_rights(&t->run);
   status = write_next(t);
   if (status != ERN_OK && made) (void)unlink(t->run.next);
@@ -169,13 +172,14 @@ static ern_status write_state(ern_trainer *t) {
   if (t->run.fresh) {
     ern_run_folder_clear(&t->run);
     t->run.fresh = false;
-    ERN_TRY(ern_run_folder_flush(t->context, &t->run));
+    ERN_TRY(ern_run_folder_flush(t->shared.context, &t->run));
   }
   ERN_TRY(keep_good(t));
-  if (access(t->run.state, F_OK) == 0 && !t->run.damaged) ERN_TRY(move(t->context, t->run.state, t->run.previous));
-  ERN_TRY(move(t->context, t->run.next, t->run.state));
+  if (access(t->run.state, F_OK) == 0 && !t->run.damaged)
+    ERN_TRY(move(t->shared.context, t->run.state, t->run.previous));
+  ERN_TRY(move(t->shared.context, t->run.next, t->run.state));
   t->run.damaged = false;
-  t->saved = t->step;
+  t->saved = t->shared.step;
 fail:
   return status;
 }
@@ -184,18 +188,18 @@ ern_status ern_trainer_save(ern_trainer *t) {
   ERN_PLAIN_FLOATS;
   ERN_NEED(NULL, t);
   ern_status status = ERN_OK;
-  if (t->output == NULL) return ern_fail(t->context, ERN_E_STATE, "save: this training has no output file");
-  ERN_TRY(ern_run_folder_check_held(t->context, &t->run));
-  ERN_TRY(ern_trainer_download(t, t->parameters));
+  if (t->output == NULL) return ern_fail(t->shared.context, ERN_E_STATE, "save: this training has no output file");
+  ERN_TRY(ern_run_folder_check_held(t->shared.context, &t->run));
+  ERN_TRY(ern_trainer_download(t, t->shared.parameters));
   ERN_TRY(write_state(t));
   if (ern_trainer_is_averaged(t))
     ERN_TRY(ern_trainer_download(t, t->average));
-  else if (t->config.ema)
-    ern_log(t->context, ERN_LOG_INFO,
+  else if (t->shared.config.ema)
+    ern_log(t->shared.context, ERN_LOG_INFO,
             "%s: step %llu: the weights as they are, not their average: the average has seen %llu updates of the %d it "
             "needs",
-            t->output, (unsigned long long)t->step, (unsigned long long)t->ema_updates, ERN_LEAST_EMA_UPDATES);
-  ERN_TRY(ern_model_write(t->model, t->output, t->run.keep ? ERN_EXISTING_KEEP : ERN_EXISTING_REPLACE));
+            t->output, (unsigned long long)t->shared.step, (unsigned long long)t->ema_updates, ERN_LEAST_EMA_UPDATES);
+  ERN_TRY(ern_model_write(t->shared.model, t->output, t->run.keep ? ERN_EXISTING_KEEP : ERN_EXISTING_REPLACE));
   t->run.keep = false;
 fail:
   return status;
@@ -205,7 +209,7 @@ fail:
 
 /* codes: compares the number of individual codes too. */
 static ern_status check_config(ern_trainer *t, const ern_model *found, const char *path, bool codes) {
-  const struct ern_model_config *a = &found->field.config, *b = &t->model->field.config;
+  const struct ern_model_config *a = &found->field.config, *b = &t->shared.model->field.config;
   const struct {
     const char *name;
     double found, expected;
@@ -221,12 +225,12 @@ static ern_status check_config(ern_trainer *t, const ern_model *found, const cha
   for (int k = 0; k < ERN_KINDS; k++) {
     const char *is = ern_kind_of(a, (ern_kind)k), *expected = ern_kind_of(b, (ern_kind)k);
     if (strcmp(is, expected) != 0)
-      return ern_fail(t->context, ERN_E_MISMATCH, "%s: %s is %s, this training expects %s", path,
+      return ern_fail(t->shared.context, ERN_E_MISMATCH, "%s: %s is %s, this training expects %s", path,
                       ern_kind_field((ern_kind)k), is, expected);
   }
   for (size_t i = 0; i < sizeof fields / sizeof *fields; i++)
     if (fields[i].found != fields[i].expected)
-      return ern_fail(t->context, ERN_E_MISMATCH, "%s: %s is %g, this training expects %g", path, fields[i].name,
+      return ern_fail(t->shared.context, ERN_E_MISMATCH, "%s: %s is %g, this training expects %g", path, fields[i].name,
                       fields[i].found, fields[i].expected);
   return ERN_OK;
 }
@@ -255,36 +259,37 @@ static ern_status take_rows(ern_trainer *t, const struct ern_tensor_file *file, 
                             const float *missing, ern_span to) {
   const bool torch = ern_tensor_file_metadata(file, "torch") != NULL;
   float *block = NULL;
-  ern_status status = ERN_NEW(t->context, t->model->field.parameters, &block);
+  ern_status status = ERN_NEW(t->shared.context, t->shared.model->field.parameters, &block);
   if (status != ERN_OK) return status;
-  if (missing != NULL) memcpy(block, missing, t->model->field.parameters * sizeof(float));
-  for (int r = 0; r < t->model->table.rows; r++) {
-    const struct ern_parameter *row = &t->model->table.row[r];
+  if (missing != NULL) memcpy(block, missing, t->shared.model->field.parameters * sizeof(float));
+  for (int r = 0; r < t->shared.model->table.rows; r++) {
+    const struct ern_parameter *row = &t->shared.model->table.row[r];
     char name[ERN_PARAMETER_NAME + 16];
-    if (row->torso != t->config.torso) continue;
+    if (row->torso != t->shared.config.torso) continue;
     snprintf(name, sizeof name, "%s%s", prefix, row->name);
     if (torch && ern_tensor_file_find(file, name) == NULL) continue;
-    ERN_TRY(take_row(t->context, file, path, name, row, block + row->at));
+    ERN_TRY(take_row(t->shared.context, file, path, name, row, block + row->at));
   }
-  status = t->backend->upload_reals(t->stream, to, block, t->model->field.parameters);
+  status = t->shared.backend->upload_reals(t->shared.stream, to, block, t->shared.model->field.parameters);
 fail:
-  ern_release(t->context, block);
+  ern_release(t->shared.context, block);
   return status;
 }
 
 /* Values and occupancy of `model` become the training's. */
 static ern_status upload_model(ern_trainer *t, const ern_model *model) {
   ern_status status = ERN_OK;
-  ERN_TRY(t->backend->upload_reals(t->stream, t->parameters, model->block, model->field.parameters));
-  ERN_TRY(t->backend->upload_bytes(t->stream, t->bits, model->bits, t->bits.count));
+  ERN_TRY(
+      t->shared.backend->upload_reals(t->shared.stream, t->shared.parameters, model->block, model->field.parameters));
+  ERN_TRY(t->shared.backend->upload_bytes(t->shared.stream, t->bits, model->bits, t->bits.count));
   if (model->field.config.torso) {
     double sum = 0;
     for (size_t i = 0; i < t->torso_grid.count; i++) sum += (double)model->torso_grid[i];
     t->torso_mean = sum / (double)t->torso_grid.count;
-    ERN_TRY(t->backend->upload_reals(t->stream, t->torso_grid, model->torso_grid, t->torso_grid.count));
+    ERN_TRY(t->shared.backend->upload_reals(t->shared.stream, t->torso_grid, model->torso_grid, t->torso_grid.count));
   }
-  t->model->head_steps = model->head_steps;
-  t->model->torso_steps = model->torso_steps;
+  t->shared.model->head_steps = model->head_steps;
+  t->shared.model->torso_steps = model->torso_steps;
 fail:
   return status;
 }
@@ -296,28 +301,28 @@ static ern_status take_state(ern_trainer *t, const struct ern_tensor_file *file,
   ERN_TRY(upload_model(t, model));
   ERN_TRY(take_rows(t, file, path, "state.moment.", NULL, t->second_moment));
   ERN_TRY(take_rows(t, file, path, "state.average.", model->block, t->average));
-  if (!t->config.torso) {
-    ERN_TRY(ERN_NEW(t->context, ERN_OCCUPANCY_CELLS, &grid));
+  if (!t->shared.config.torso) {
+    ERN_TRY(ERN_NEW(t->shared.context, ERN_OCCUPANCY_CELLS, &grid));
     const bool own = ern_tensor_file_find(file, "state.density_grid") != NULL;
-    ERN_TRY(ern_tensor_take(t->context, file, path, own ? "state.density_grid" : "density_grid", own ? 1 : 2,
+    ERN_TRY(ern_tensor_take(t->shared.context, file, path, own ? "state.density_grid" : "density_grid", own ? 1 : 2,
                             own ? (size_t[]){ERN_OCCUPANCY_CELLS} : (size_t[]){1, ERN_OCCUPANCY_CELLS}, grid));
-    ERN_TRY(t->backend->upload_reals(t->stream, t->grid, grid, ERN_OCCUPANCY_CELLS));
+    ERN_TRY(t->shared.backend->upload_reals(t->shared.stream, t->grid, grid, ERN_OCCUPANCY_CELLS));
     ERN_TRY(ern_trainer_list(t));
   }
   if (t->poses != NULL && !ern_trainer_is_foreign(t, model) && ern_tensor_file_find(file, "state.camera") != NULL) {
-    const size_t shape[2] = {t->data.frames[0], ERN_POSE_PARAMETERS}, two = 2;
-    ERN_TRY(ern_tensor_take(t->context, file, path, "state.camera", 2, shape, t->poses->row));
-    ERN_TRY(ern_tensor_take(t->context, file, path, "state.camera_moment", 1, &two, t->poses->mean_square));
+    const size_t shape[2] = {t->shared.data.frames[0], ERN_POSE_PARAMETERS}, two = 2;
+    ERN_TRY(ern_tensor_take(t->shared.context, file, path, "state.camera", 2, shape, t->poses->row));
+    ERN_TRY(ern_tensor_take(t->shared.context, file, path, "state.camera_moment", 1, &two, t->poses->mean_square));
   }
-  t->step = about->step;
+  t->shared.step = about->step;
   t->ema_updates = about->ema_updates;
-  t->seconds = about->seconds;
-  t->beside = about->beside;
+  t->shared.seconds = about->seconds;
+  t->shared.beside = about->beside;
   if (!about->said)
-    ern_log(t->context, ERN_LOG_INFO, "%s: goes on from PyTorch's optimizer, step %llu", path,
+    ern_log(t->shared.context, ERN_LOG_INFO, "%s: goes on from PyTorch's optimizer, step %llu", path,
             (unsigned long long)about->step);
 fail:
-  ern_release(t->context, grid);
+  ern_release(t->shared.context, grid);
   return status;
 }
 
@@ -376,11 +381,11 @@ static ern_status find_newest(ern_context *context, const struct ern_run_folder 
 /* Checks that a torso is resumed with the head that it was trained for. A head's individual codes are not compared: the
  * torso does not use them, and a longer clip has more of them. */
 static ern_status check_same_head(ern_trainer *t, const ern_model *found, const char *path) {
-  for (int r = 0; t->config.torso && r < t->model->table.rows; r++) {
-    const struct ern_parameter *row = &t->model->table.row[r];
+  for (int r = 0; t->shared.config.torso && r < t->shared.model->table.rows; r++) {
+    const struct ern_parameter *row = &t->shared.model->table.row[r];
     if (row->torso || strcmp(row->name, "individual_codes") == 0) continue;
-    if (memcmp(found->block + row->at, t->model->block + row->at, row->count * sizeof(float)) != 0)
-      return ern_fail(t->context, ERN_E_MISMATCH,
+    if (memcmp(found->block + row->at, t->shared.model->block + row->at, row->count * sizeof(float)) != 0)
+      return ern_fail(t->shared.context, ERN_E_MISMATCH,
                       "%s: %s is that of another head, expected the head that this torso was trained for", path,
                       row->name);
   }
@@ -390,33 +395,33 @@ static ern_status check_same_head(ern_trainer *t, const ern_model *found, const 
 ern_status ern_trainer_resume(ern_trainer *t, bool *resumed) {
   struct candidate best;
   *resumed = false;
-  ern_status status = find_newest(t->context, &t->run, true, &best);
+  ern_status status = find_newest(t->shared.context, &t->run, true, &best);
   if (best.model == NULL) return status; /* nothing saved yet, or nothing readable */
-  if (best.about.torso != t->config.torso)
-    ERN_TRY(ern_fail(t->context, ERN_E_MISMATCH, "%s: is the state of a %s training, expected a %s one", best.path,
-                     best.about.torso ? "torso" : "head", t->config.torso ? "torso" : "head"));
-  if (strcmp(best.model->clip, t->identity) != 0)
+  if (best.about.torso != t->shared.config.torso)
+    ERN_TRY(ern_fail(t->shared.context, ERN_E_MISMATCH, "%s: is the state of a %s training, expected a %s one",
+                     best.path, best.about.torso ? "torso" : "head", t->shared.config.torso ? "torso" : "head"));
+  if (strcmp(best.model->clip, t->shared.identity) != 0)
     ERN_TRY(ern_fail(
-        t->context, ERN_E_MISMATCH,
+        t->shared.context, ERN_E_MISMATCH,
         "%s: is the state of another clip (%.12s..., this one is %.12s...); expected the clip that it began with, "
         "another output, or to overwrite it",
-        best.path, best.model->clip, t->identity));
+        best.path, best.model->clip, t->shared.identity));
   ERN_TRY(check_config(t, best.model, best.path, true));
   ERN_TRY(check_same_head(t, best.model, best.path));
-  if (t->config.precision == ERN_PRECISION_DEFAULT && best.about.said)
+  if (t->shared.config.precision == ERN_PRECISION_DEFAULT && best.about.said)
     ERN_TRY(ern_trainer_choose_precision(t, best.path, best.about.config.precision));
   ERN_TRY(ern_state_about_check(t, best.path, &best.about, &best.model->view));
   ERN_TRY(take_state(t, &best.file, best.path, &best.about, best.model));
   ern_trainer_keep_consent(t, best.model);
   t->fine_from = best.about.fine_from;
   t->pruned = best.about.pruned;
-  ERN_TRY(ern_run_folder_trim(t->context, &t->run, t->step));
+  ERN_TRY(ern_run_folder_trim(t->shared.context, &t->run, t->shared.step));
   t->run.fresh = false;
   t->run.damaged = best.path == t->run.previous && access(t->run.state, F_OK) == 0;
-  t->saved = t->step;
+  t->saved = t->shared.step;
   *resumed = true;
 fail:
-  close_candidate(t->context, &best);
+  close_candidate(t->shared.context, &best);
   return status;
 }
 
@@ -481,14 +486,14 @@ fail:
  * torso keeps the head that it was given. */
 static ern_status take_over(ern_trainer *t, const char *path, ern_model **model) {
   ern_model *made = NULL;
-  const ern_status status = ern_model_make(&made, t->context, &t->model->field.config);
+  const ern_status status = ern_model_make(&made, t->shared.context, &t->shared.model->field.config);
   if (status != ERN_OK) return status;
-  memcpy(made->block, t->model->block, t->model->field.parameters * sizeof(float));
-  memcpy(made->bits, t->model->bits, ERN_OCCUPANCY_BYTES);
+  memcpy(made->block, t->shared.model->block, t->shared.model->field.parameters * sizeof(float));
+  memcpy(made->bits, t->shared.model->bits, ERN_OCCUPANCY_BYTES);
   memcpy(made->clip, (*model)->clip, sizeof made->clip);
-  made->head_steps = t->model->head_steps;
-  if (t->config.head == NULL) ern_trainer_copy_rows(made, *model, false);
-  if (t->config.torso) ern_trainer_copy_rows(made, *model, true);
+  made->head_steps = t->shared.model->head_steps;
+  if (t->shared.config.head == NULL) ern_trainer_copy_rows(made, *model, false);
+  if (t->shared.config.torso) ern_trainer_copy_rows(made, *model, true);
   ern_trainer_log_codes(t, path, (*model)->field.config.codes);
   ern_model_free(model);
   *model = made;
@@ -498,38 +503,40 @@ static ern_status take_over(ern_trainer *t, const char *path, ern_model **model)
 ern_status ern_trainer_take_file(ern_trainer *t, const char *path) {
   struct candidate c = {.path = path};
   ern_status status = ERN_OK;
-  ERN_TRY(ern_checkpoint_read(t->context, path, &c.file));
-  ERN_TRY(ern_model_from_file(&c.model, t->context, &c.file, path));
+  ERN_TRY(ern_checkpoint_read(t->shared.context, path, &c.file));
+  ERN_TRY(ern_model_from_file(&c.model, t->shared.context, &c.file, path));
   ERN_TRY(check_config(t, c.model, path, false));
   const bool foreign = ern_trainer_is_foreign(t, c.model);
   if (!foreign) ERN_TRY(ern_trainer_poses_take(t, c.model));
   ern_trainer_keep_consent(t, c.model);
   if (c.model->cameras > 0 && (foreign || t->poses == NULL))
-    ern_log(t->context, ERN_LOG_WARNING, "%s: its pose corrections are %s", path,
+    ern_log(t->shared.context, ERN_LOG_WARNING, "%s: its pose corrections are %s", path,
             foreign ? "of the frames of another clip, and are left out" : "not trained on, nor applied while training");
   ERN_TRY(ern_trainer_check_view(t, path, &c.model->view, c.model->field.config.torso, false));
-  if (t->config.torso && t->model->cameras == 0 && !foreign) ERN_TRY(ern_trainer_copy_camera(t->model, c.model));
+  if (t->shared.config.torso && t->shared.model->cameras == 0 && !foreign)
+    ERN_TRY(ern_trainer_copy_camera(t->shared.model, c.model));
   ERN_TRY(take_over(t, path, &c.model));
   const char *text = ern_tensor_file_metadata(&c.file, "ernerf.state");
   if (text != NULL) {
-    ERN_TRY(ern_state_about_parse(t->context, text, path, &c.about));
-    if (c.about.torso != t->config.torso)
-      ERN_TRY(ern_fail(t->context, ERN_E_MISMATCH, "%s: is the state of a %s training", path,
+    ERN_TRY(ern_state_about_parse(t->shared.context, text, path, &c.about));
+    if (c.about.torso != t->shared.config.torso)
+      ERN_TRY(ern_fail(t->shared.context, ERN_E_MISMATCH, "%s: is the state of a %s training", path,
                        c.about.torso ? "torso" : "head"));
     ERN_TRY(take_state(t, &c.file, path, &c.about, c.model));
   } else {
     ERN_TRY(upload_model(t, c.model));
-    ERN_TRY(t->backend->copy(t->stream, t->average, t->parameters, t->model->field.parameters));
-    *(t->config.torso ? &t->model->torso_steps : &t->model->head_steps) = 0;
+    ERN_TRY(
+        t->shared.backend->copy(t->shared.stream, t->average, t->shared.parameters, t->shared.model->field.parameters));
+    *(t->shared.config.torso ? &t->shared.model->torso_steps : &t->shared.model->head_steps) = 0;
   }
-  if (t->config.seconds > 0 && t->seconds + t->beside >= t->config.seconds)
-    ERN_TRY(ern_fail(t->context, ERN_E_STATE,
+  if (t->shared.config.seconds > 0 && t->shared.seconds + t->shared.beside >= t->shared.config.seconds)
+    ERN_TRY(ern_fail(t->shared.context, ERN_E_STATE,
                      "%s: has been trained for %.1f s already, expected less than the %.1f s of this training", path,
-                     t->seconds + t->beside, t->config.seconds));
-  if (!(t->config.seconds > 0) && t->step >= t->config.iters)
-    ERN_TRY(ern_fail(t->context, ERN_E_STATE, "%s: is already at step %llu, expected below the %llu of --iters", path,
-                     (unsigned long long)t->step, (unsigned long long)t->config.iters));
+                     t->shared.seconds + t->shared.beside, t->shared.config.seconds));
+  if (!(t->shared.config.seconds > 0) && t->shared.step >= t->shared.config.iters)
+    ERN_TRY(ern_fail(t->shared.context, ERN_E_STATE, "%s: is already at step %llu, expected below the %llu of --iters",
+                     path, (unsigned long long)t->shared.step, (unsigned long long)t->shared.config.iters));
 fail:
-  close_candidate(t->context, &c);
+  close_candidate(t->shared.context, &c);
   return status;
 }

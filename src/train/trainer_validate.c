@@ -19,26 +19,26 @@ struct look {
 
 static void look_free(ern_trainer *t, struct look *look) {
   ern_renderer_free(&look->renderer);
-  ern_release(t->context, look->rgb);
-  ern_release(t->context, look->attention);
-  ern_release(t->context, look->eye);
-  ern_release(t->context, look->picture);
+  ern_release(t->shared.context, look->rgb);
+  ern_release(t->shared.context, look->attention);
+  ern_release(t->shared.context, look->eye);
+  ern_release(t->shared.context, look->picture);
   *look = (struct look){0};
 }
 
 static ern_status look_make(ern_trainer *t, struct look *look) {
   ern_render_options options = ern_render_options_default();
   ern_status status = ERN_OK;
-  *look = (struct look){.pixels = (size_t)t->data.width * (size_t)t->data.height};
-  if (strcmp(t->backend->name, "cpu") == 0) options.threads = t->config.threads;
-  options.max_steps = t->config.max_steps;
-  options.dt_gamma = t->config.dt_gamma;
-  options.torso_shrink = t->config.torso_shrink;
-  ERN_TRY(ern_renderer_create(&look->renderer, t->backend, t->model, &options));
-  ERN_TRY(ERN_NEW(t->context, 3 * look->pixels, &look->rgb));
-  ERN_TRY(ERN_NEW(t->context, look->pixels, &look->attention));
-  ERN_TRY(ERN_NEW(t->context, look->pixels, &look->eye));
-  ERN_TRY(ERN_NEW(t->context, 3 * PANELS * look->pixels, &look->picture));
+  *look = (struct look){.pixels = (size_t)t->shared.data.width * (size_t)t->shared.data.height};
+  if (strcmp(t->shared.backend->name, "cpu") == 0) options.threads = t->shared.config.threads;
+  options.max_steps = t->shared.config.max_steps;
+  options.dt_gamma = t->shared.config.dt_gamma;
+  options.torso_shrink = t->shared.config.torso_shrink;
+  ERN_TRY(ern_renderer_create(&look->renderer, t->shared.backend, t->shared.model, &options));
+  ERN_TRY(ERN_NEW(t->shared.context, 3 * look->pixels, &look->rgb));
+  ERN_TRY(ERN_NEW(t->shared.context, look->pixels, &look->attention));
+  ERN_TRY(ERN_NEW(t->shared.context, look->pixels, &look->eye));
+  ERN_TRY(ERN_NEW(t->shared.context, 3 * PANELS * look->pixels, &look->picture));
   return ERN_OK;
 fail:
   look_free(t, look);
@@ -58,22 +58,23 @@ static ern_status render(ern_trainer *t, struct look *look, int split, size_t fr
   ern_frame_input input = {
       .camera = {.focal = view.focal, .cx = view.cx, .cy = view.cy, .width = view.width, .height = view.height},
       .windows = t->host_windows,
-      .window_length = t->data.features->window_length,
+      .window_length = t->shared.data.features->window_length,
       .eye = about.eye,
       .individual = ERN_INDIVIDUAL_MEAN,
-      .background = t->data.background,
-      .torso = t->data.has_torso && !t->config.torso ? torso : NULL};
+      .background = t->shared.data.background,
+      .torso = t->shared.data.has_torso && !t->shared.config.torso ? torso : NULL};
   memcpy(input.camera.pose, view.pose, sizeof view.pose);
   if (t->poses != NULL) {
     if (split == 0)
-      ern_model_refine(t->model, frame, view.pose);
+      ern_model_refine(t->shared.model, frame, view.pose);
     else
-      ern_model_refine_unseen(t->model, t->poses->speech_row, t->data.frames[0], about.aud_id, view.pose);
+      ern_model_refine_unseen(t->shared.model, t->poses->speech_row, t->shared.data.frames[0], about.aud_id, view.pose);
     input.head_pose = view.pose;
   }
   const ern_frame_output output = {.rgb = look->rgb, .attention = look->attention, .eye = look->eye};
   ERN_TRY(ern_renderer_frame(look->renderer, &input, &output, NULL));
-  const bool dub = !t->config.torso && t->config.ray_sampling == ERN_RAY_SAMPLING_DUB && about.dubbed.right > 0;
+  const bool dub =
+      !t->shared.config.torso && t->shared.config.ray_sampling == ERN_RAY_SAMPLING_DUB && about.dubbed.right > 0;
   *psnr = ern_psnr(look->rgb, *truth, view.width, view.height, dub ? &about.dubbed : NULL);
 fail:
   return status;
@@ -89,7 +90,7 @@ static float largest(const float *values, size_t count) {
 
 /* Side by side; the difference four times as large, the attentions with their largest value as white. */
 static void draw(const ern_trainer *t, struct look *look, const uint8_t *truth) {
-  const size_t width = (size_t)t->data.width;
+  const size_t width = (size_t)t->shared.data.width;
   const float most_attention = largest(look->attention, look->pixels), most_eye = largest(look->eye, look->pixels);
   for (size_t i = 0; i < look->pixels; i++) {
     uint8_t *at = look->picture + 3 * ((i / width) * PANELS * width + i % width);
@@ -107,38 +108,38 @@ static void draw(const ern_trainer *t, struct look *look, const uint8_t *truth) 
 /* Records an error text for a hook that failed without one. `before`: the last error before the hook was called. */
 static ern_status answered(ern_trainer *t, ern_status status, const char *hook, const char *before) {
   if (status == ERN_OK || !ern_trainer_said_nothing(t, before)) return status;
-  return ern_fail(t->context, status, "train: the hook `%s` answered %s at step %llu", hook, ern_status_name(status),
-                  (unsigned long long)t->step);
+  return ern_fail(t->shared.context, status, "train: the hook `%s` answered %s at step %llu", hook,
+                  ern_status_name(status), (unsigned long long)t->shared.step);
 }
 
 ern_status ern_trainer_validate(ern_trainer *t, const ern_train_hooks *hooks, double *psnr) {
-  const int split = t->data.frames[1] > 0 ? 1 : 0;
-  const size_t most = t->config.validate_frames > 0 ? (size_t)t->config.validate_frames : SIZE_MAX;
-  const size_t all = split == 1 ? t->data.frames[1] : 1, count = all < most ? all : most;
+  const int split = t->shared.data.frames[1] > 0 ? 1 : 0;
+  const size_t most = t->shared.config.validate_frames > 0 ? (size_t)t->shared.config.validate_frames : SIZE_MAX;
+  const size_t all = split == 1 ? t->shared.data.frames[1] : 1, count = all < most ? all : most;
   struct look look = {0};
   ern_status status = ERN_OK;
   char name[40], before[ERN_ERROR_BYTES];
   *psnr = 0;
-  ERN_TRY(ern_trainer_download(t, ern_trainer_is_averaged(t) ? t->average : t->parameters));
-  ern_arena_trim(t->stream); /* a renderer needs memory too; the download has waited for all that ran */
+  ERN_TRY(ern_trainer_download(t, ern_trainer_is_averaged(t) ? t->average : t->shared.parameters));
+  ern_arena_trim(t->shared.stream); /* a renderer needs memory too; the download has waited for all that ran */
   ERN_TRY(look_make(t, &look));
   for (size_t k = 0; k < count; k++) {
     const uint8_t *truth = NULL;
-    const size_t frame = split == 1 ? k * all / count : t->config.data_begin;
+    const size_t frame = split == 1 ? k * all / count : t->shared.config.data_begin;
     double found = 0;
     ERN_TRY(render(t, &look, split, frame, &truth, &found));
     *psnr += found / (double)count;
     if (k == 0) draw(t, &look, truth);
     if (hooks->validation_frame == NULL) continue;
-    ern_error_keep(t->context, before);
+    ern_error_keep(t->shared.context, before);
     status = hooks->validation_frame(hooks->user, split, frame, look.rgb, truth);
     ERN_TRY(answered(t, status, "validation_frame", before));
   }
-  snprintf(name, sizeof name, "val_%06llu.png", (unsigned long long)t->step);
+  snprintf(name, sizeof name, "val_%06llu.png", (unsigned long long)t->shared.step);
   if (hooks->validation != NULL) {
-    ern_error_keep(t->context, before);
-    status = hooks->validation(hooks->user, t->step, *psnr, count, look.picture, PANELS * t->data.width, t->data.height,
-                               name);
+    ern_error_keep(t->shared.context, before);
+    status = hooks->validation(hooks->user, t->shared.step, *psnr, count, look.picture, PANELS * t->shared.data.width,
+                               t->shared.data.height, name);
     status = answered(t, status, "validation", before);
   }
 fail:

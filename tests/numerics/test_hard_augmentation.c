@@ -19,9 +19,9 @@ static ern_trainer *trainer_of(float noise) {
 /* host_windows of a training frame, as part k of this step has them. */
 static const float *step_windows(ern_trainer *t, size_t frame, size_t k) {
   ern_span windows;
-  const struct ern_arena_mark mark = ern_arena_mark(t->stream);
+  const struct ern_arena_mark mark = ern_arena_mark(t->shared.stream);
   support_ok(made.context, ern_trainer_upload_windows(t, frame, k, &windows));
-  ern_arena_release(t->stream, mark);
+  ern_arena_release(t->shared.stream, mark);
   return t->host_windows;
 }
 
@@ -52,7 +52,7 @@ static void test_speech_noise(void **state) {
   ern_trainer *t = trainer_of(0.5f);
   plain_windows(t, 3, plain);
   double sum = 0, squares = 0;
-  for (t->step = 0; t->step < STEPS; t->step++) {
+  for (t->shared.step = 0; t->shared.step < STEPS; t->shared.step++) {
     noise_of(t, step_windows(t, 3, 1), plain, noise);
     for (int v = 0; v < VECTORS; v++)
       for (int c = 0; c < WIDTH; c++) sum += (double)noise[v][c], squares += (double)noise[v][c] * (double)noise[v][c];
@@ -63,7 +63,7 @@ static void test_speech_noise(void **state) {
   memcpy(first, step_windows(t, 3, 1), sizeof first);
   assert_memory_equal(first, step_windows(t, 3, 1), sizeof first);
   assert_memory_not_equal(first, step_windows(t, 3, 2), sizeof first);
-  t->step++;
+  t->shared.step++;
   assert_memory_not_equal(first, step_windows(t, 3, 1), sizeof first);
   ern_trainer_free(&t);
   made_close(&made);

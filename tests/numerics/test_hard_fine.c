@@ -52,22 +52,22 @@ static void test_patch_places(void **state) {
   ern_trainer *t = NULL;
   support_ok(made.context, ern_trainer_create(&t, made.backend, &made.data, &config));
   for (size_t k = 0; k < 2 * sizeof boxes / sizeof *boxes; k++)
-    for (t->step = 0; t->step < 2; t->step++) {
+    for (t->shared.step = 0; t->shared.step < 2; t->shared.step++) {
       const size_t b = k / 2;
       const bool dub = k % 2 == 1;
       const ern_dataset_frame about = {.lips = boxes[b], .dubbed = boxes[b]};
-      t->config.ray_sampling = dub ? ERN_RAY_SAMPLING_DUB : ERN_RAY_SAMPLING_REGIONS;
+      t->shared.config.ray_sampling = dub ? ERN_RAY_SAMPLING_DUB : ERN_RAY_SAMPLING_REGIONS;
       ern_trainer_place_patches(t, &about, 0, MANY, pixel);
       expect_patches(pixel, MANY);
       /* a box in the last corner: every patch of an odd step, and of a head for dubbing any patch, ends there */
-      if (b == 3 && (dub || t->step == 1))
+      if (b == 3 && (dub || t->shared.step == 1))
         for (size_t p = 0; p < MANY; p++) assert_int_equal(pixel[p * PATCH * PATCH], 4 * SIDE + 4);
       /* half of them at once or one after the other: the same */
       int32_t second[PATCH * PATCH];
       ern_trainer_place_patches(t, &about, 7, 1, second);
       assert_memory_equal(second, pixel + 7 * PATCH * PATCH, sizeof second);
     }
-  t->step = 0;
+  t->shared.step = 0;
   ern_trainer_free(&t);
 }
 

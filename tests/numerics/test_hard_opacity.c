@@ -166,9 +166,9 @@ static ern_trainer *head_trainer(const ern_dataset *data, bool over_random, int 
 static void batch_rows(const ern_dataset *data, bool over_random, float rows[6 * RAYS], int32_t pixels[RAYS]) {
   ern_trainer *trainer = head_trainer(data, over_random, RAYS, 1);
   struct ern_batch batch;
-  const struct ern_arena_mark mark = ern_arena_mark(trainer->stream);
+  const struct ern_arena_mark mark = ern_arena_mark(trainer->shared.stream);
   support_ok(made.context, ern_trainer_batch(trainer, 0, &batch));
-  ern_arena_release(trainer->stream, mark);
+  ern_arena_release(trainer->shared.stream, mark);
   memcpy(rows, trainer->host_rows, 6 * RAYS * sizeof *rows);
   memcpy(pixels, trainer->host_pixels, RAYS * sizeof *pixels);
   ern_trainer_free(&trainer);

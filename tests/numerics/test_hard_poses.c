@@ -79,7 +79,7 @@ static void test_row_of_huge_and_tiny_gradients(void **state) {
   struct made m;
   made_open(&m);
   ern_trainer *trainer = refining(&m);
-  trainer->step = 1; /* the first that moves a row, and moves it furthest */
+  trainer->shared.step = 1; /* the first that moves a row, and moves it furthest */
   for (size_t s = 0; s < sizeof sizes / sizeof *sizes; s++) {
     float before[ERN_POSE_PARAMETERS];
     const float *row = trainer->poses->row + 2 * ERN_POSE_PARAMETERS;

@@ -25,15 +25,15 @@ static ern_trainer *trainer_of(const ern_train_config *config) {
 }
 
 static void read_bits(ern_trainer *t, uint8_t *bits) {
-  support_ok(made.context, t->backend->download_bytes(t->stream, bits, t->bits, ERN_OCCUPANCY_BYTES));
+  support_ok(made.context, t->shared.backend->download_bytes(t->shared.stream, bits, t->bits, ERN_OCCUPANCY_BYTES));
 }
 
 static void write_parameters(ern_trainer *t, float value) {
-  const size_t n = t->parameters.count;
+  const size_t n = t->shared.parameters.count;
   float *values = malloc(n * sizeof *values);
   assert_non_null(values);
   for (size_t i = 0; i < n; i++) values[i] = value;
-  support_ok(made.context, t->backend->upload_reals(t->stream, t->parameters, values, n));
+  support_ok(made.context, t->shared.backend->upload_reals(t->shared.stream, t->shared.parameters, values, n));
   free(values);
 }
 
@@ -63,7 +63,7 @@ static void test_cells_of_a_constant_density(void **state) {
   write_parameters(t, 0);
   support_ok(made.context, ern_trainer_refresh(t));
   read_bits(t, before);
-  t->config.prune_share = (float)exp(-(LAST + 0.5) * dt); /* samples 0 to LAST have more */
+  t->shared.config.prune_share = (float)exp(-(LAST + 0.5) * dt); /* samples 0 to LAST have more */
   support_ok(made.context, ern_trainer_prune(t));
   read_bits(t, after);
   double deepest = 0, nearest = 1;
@@ -94,8 +94,8 @@ static void test_prune_shares(void **state) {
   read_bits(t, all);
   memcpy(bits[1], all, sizeof all);
   for (size_t k = 0; k < sizeof shares / sizeof *shares; k++) {
-    t->config.prune_share = shares[k];
-    support_ok(made.context, t->backend->upload_bytes(t->stream, t->bits, all, sizeof all));
+    t->shared.config.prune_share = shares[k];
+    support_ok(made.context, t->shared.backend->upload_bytes(t->shared.stream, t->bits, all, sizeof all));
     support_ok(made.context, ern_trainer_prune(t));
     memcpy(bits[0], bits[1], sizeof all);
     read_bits(t, bits[1]);
@@ -105,13 +105,13 @@ static void test_prune_shares(void **state) {
   }
   assert_true(most < count_of(all) && count_of(bits[1]) < most && count_of(bits[1]) > 0);
   const size_t seen = count_of(bits[0]);
-  support_ok(made.context, t->backend->upload_bytes(t->stream, t->bits, bits[0], sizeof all));
+  support_ok(made.context, t->shared.backend->upload_bytes(t->shared.stream, t->bits, bits[0], sizeof all));
   write_parameters(t, NAN);
   support_ok(made.context, ern_trainer_prune(t));
   read_bits(t, bits[1]);
   assert_true(count_of(bits[1]) > 0 && count_of(bits[1]) <= seen);
   memset(bits[0], 0, sizeof all);
-  support_ok(made.context, t->backend->upload_bytes(t->stream, t->bits, bits[0], sizeof all));
+  support_ok(made.context, t->shared.backend->upload_bytes(t->shared.stream, t->bits, bits[0], sizeof all));
   support_ok(made.context, ern_trainer_prune(t));
   read_bits(t, bits[1]);
   assert_int_equal(count_of(bits[1]), 0);
@@ -135,7 +135,7 @@ static void train_on(const char *output, bool resume, uint64_t steps, ern_train_
   config.overwrite = !resume;
   ern_trainer *t = trainer_of(&config);
   for (uint64_t k = 0; k < steps; k++) support_ok(made.context, ern_trainer_step(t, &report));
-  assert_true(t->pruned == (t->step > 34)); /* the first step at or after 0.85 of 40 prunes */
+  assert_true(t->pruned == (t->shared.step > 34)); /* the first step at or after 0.85 of 40 prunes */
   support_ok(made.context, ern_trainer_save(t));
   ern_trainer_free(&t);
 }
@@ -176,7 +176,7 @@ static void test_pruning_resumed_for_longer(void **state) {
   read_bits(t, bits[1]);
   assert_true(!t->pruned && count_of(bits[1]) > count_of(bits[0]));
   for (int k = 0; k < 130; k++) support_ok(made.context, ern_trainer_step(t, &report));
-  assert_true(t->step == 180 && t->pruned);
+  assert_true(t->shared.step == 180 && t->pruned);
   ern_trainer_free(&t);
 }
 

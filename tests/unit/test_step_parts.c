@@ -186,7 +186,7 @@ static void test_is_the_gradient(void **state) {
     support_ok(data.context, ern_trainer_step(trainer, &report));
     n = trainer->gradient.count;
     gradient[k] = malloc(n * sizeof *gradient[k]);
-    support_ok(data.context, data.backend->download_reals(trainer->stream, gradient[k], trainer->gradient, n));
+    support_ok(data.context, data.backend->download_reals(trainer->shared.stream, gradient[k], trainer->gradient, n));
     ern_trainer_free(&trainer);
   }
   for (size_t i = 0; i < n; i++) {

@@ -1,0 +1,33 @@
+/* SPDX-License-Identifier: MIT
+ * What all parts of a training read: data only. Each part has a struct of its own beside it, and none knows the trainer
+ * that calls them (trainer.h). Internal. */
+#ifndef ERN_TRAIN_TRAINER_SHARED_H
+#define ERN_TRAIN_TRAINER_SHARED_H
+
+#include "core/backend.h"
+#include "core/threads.h"
+#include "ernerf/train.h"
+#include "model/model.h"
+#include "render/march_ops.h"
+
+struct ern_training {
+  ern_context *context;
+  struct ern_backend *backend;
+  struct ern_stream *stream;
+  struct ern_pool *pool; /* for work on the host */
+  ern_dataset data;
+  ern_train_config config;
+  ern_communicator communicator;   /* size 1: this process is alone */
+  char identity[65], features[65]; /* SHA-256 of clip and speech features; the latter "" without an output */
+  char fingerprint[65];            /* of the frames' files, "": not known */
+  ern_model *model;                /* configuration and table; its values are those of the last download */
+  ern_span parameters;             /* [field.parameters], on the backend */
+  struct ern_view *views;          /* [training frames], as the clip has them */
+  bool bf16;                       /* products of bf16 (config.precision) */
+  uint64_t step;
+  double seconds;         /* of training, all runs together */
+  double beside;          /* seconds of validations and saves, all runs together */
+  double pending_seconds; /* with a communicator: seconds of the last step, not yet in `seconds` */
+};
+
+#endif
