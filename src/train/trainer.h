@@ -4,7 +4,9 @@
 #define ERN_TRAIN_TRAINER_H
 
 #include "train/losses_ops.h"
+#include "train/trainer_data.h"
 #include "train/trainer_shared.h"
+#include "train/trainer_speech.h"
 
 /* Shares of a head's rays that are drawn in each region, and of its frames that are drawn among those with shut eyes,
  * found by experiment (docs/results.md). */
@@ -107,6 +109,7 @@ struct ern_trainer {
 
   struct ern_run_folder torso_run; /* of config.torso_output: only locked */
 
+  struct ern_trainer_speech speech;
   struct ern_trainer_parts parts; /* all NULL where a step is one part */
 
   int32_t *host_pixels; /* [rays] */
@@ -118,8 +121,6 @@ struct ern_trainer {
     int place;
     struct ern_buffer *pixels[2], *reals[2]; /* of two steps in turn; NULL: not needed yet */
   } drawn;                                   /* the batch that host_pixels and host_rows already hold */
-  float *host_windows;                       /* [8][window_length][width] */
-  float *speech_deviation;                   /* [width]: standard deviations of the features; NULL without noise */
 };
 
 static inline struct ern_march_settings ern_trainer_march(const ern_trainer *t) {
@@ -144,17 +145,6 @@ void ern_trainer_log_codes(const ern_trainer *t, const char *path, int found);
 
 /* train_settings.c: the ranges of all numbers and words. */
 ERN_NODISCARD ern_status ern_train_settings_check(ern_context *context, const ern_train_config *config);
-
-/* trainer_data.c: calls the dataset's callbacks and checks their results. Other code calls these, never the
- * callbacks. */
-ERN_NODISCARD ern_status ern_trainer_frame(const ern_trainer *t, int split, size_t frame, ern_dataset_frame *about);
-/* *head as ern_dataset.head gives it for a training frame; NULL without it, and where the training does not use it. */
-ERN_NODISCARD ern_status ern_trainer_head(const ern_trainer *t, size_t frame, const uint8_t **head);
-ERN_NODISCARD ern_status ern_trainer_pixels(const ern_trainer *t, int split, size_t frame, const uint8_t **truth,
-                                            const uint8_t **torso); /* *torso NULL: none */
-/* Whether a callback that failed left the error text as it was `before`. That text is about something else, so the
- * trainer then writes one of its own. */
-bool ern_trainer_said_nothing(const ern_trainer *t, const char before[ERN_ERROR_BYTES]);
 
 /* trainer.c: with config.seconds, sets config.iters to the steps that fit into the time at the pace so far; where the
  * time is over, to the steps already made; at least `least`. */
@@ -219,21 +209,10 @@ ERN_NODISCARD ern_status ern_trainer_batch(ern_trainer *t, size_t k, struct ern_
 void ern_trainer_draw_ahead(void *trainer);
 /* Frame k of ern_trainer_step_frames. */
 size_t ern_trainer_step_frame(const ern_trainer *t, size_t k);
-/* The camera of a frame. */
-ERN_NODISCARD ern_status ern_trainer_view(const ern_trainer *t, int split, size_t frame, struct ern_view *view);
-/* A training frame of [data_begin, data_end), by a random word. */
-size_t ern_trainer_random_frame(const ern_trainer *t, uint32_t word);
 /* Row of the individual codes of a training frame. */
 static inline size_t ern_trainer_code(const ern_trainer *t, size_t frame) {
   return t->shared.model->field.config.codes > 0 ? frame : 0;
 }
-
-/* trainer_speech.c */
-ERN_NODISCARD ern_status ern_trainer_speech_make(ern_trainer *t);
-/* The speech of a frame: host [8][window_length][width]. */
-ERN_NODISCARD ern_status ern_trainer_windows(ern_trainer *t, int split, size_t frame, float *host);
-/* That of a training frame, frame k of the step, with data augmentation, uploaded to `windows` (taken from scratch). */
-ERN_NODISCARD ern_status ern_trainer_upload_windows(ern_trainer *t, size_t frame, size_t k, ern_span *windows);
 
 /* trainer_poses.c (docs/poses.md) */
 /* Does nothing where config.refine_poses is not set. */
@@ -256,8 +235,6 @@ ERN_NODISCARD ern_status ern_trainer_poses_take(ern_trainer *t, const ern_model 
 ERN_NODISCARD ern_status ern_trainer_mark(ern_trainer *t); /* new training: marks cells that no camera sees */
 ERN_NODISCARD ern_status ern_trainer_list(ern_trainer *t); /* lists all cells to evaluate */
 uint64_t ern_trainer_refresh_every(const ern_trainer *t);  /* steps between refreshes, at the next step */
-/* real [ERN_AUDIO_CODE], taken from scratch: the code of a training frame's speech. */
-ERN_NODISCARD ern_status ern_trainer_audio_code(ern_trainer *t, size_t frame, ern_span *code);
 ERN_NODISCARD ern_status ern_trainer_refresh(ern_trainer *t);
 /* Before a step: refreshes or prunes the grid where that is due. */
 ERN_NODISCARD ern_status ern_trainer_occupancy(ern_trainer *t);

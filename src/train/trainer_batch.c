@@ -12,26 +12,6 @@
 #include "render/frame_input.h"
 #include "train/trainer.h"
 
-ern_status ern_trainer_view(const ern_trainer *t, int split, size_t frame, struct ern_view *view) {
-  ern_dataset_frame about;
-  const ern_status status = ern_trainer_frame(t, split, frame, &about);
-  *view = (struct ern_view){.focal = (float)t->shared.data.focal,
-                            .cx = (float)t->shared.data.cx,
-                            .cy = (float)t->shared.data.cy,
-                            .width = t->shared.data.width,
-                            .height = t->shared.data.height};
-  if (status != ERN_OK) return status;
-  char name[64];
-  snprintf(name, sizeof name, "train: pose of %s frame %zu", split == 0 ? "training" : "validation", frame);
-  ern_camera_pose(view->pose, about.matrix, t->shared.data.scale);
-  return ern_pose_check(t->shared.context, name, view->pose);
-}
-
-size_t ern_trainer_random_frame(const ern_trainer *t, uint32_t word) {
-  return t->shared.config.data_begin +
-         ern_below(word, (uint32_t)(t->shared.config.data_end - t->shared.config.data_begin));
-}
-
 /* ---- rays -------------------------------------------------------------------------------------------------------- */
 
 enum {
@@ -335,7 +315,7 @@ static size_t frame_of_step(const ern_trainer *t, uint64_t step, size_t k) {
   const struct ern_random random = ern_random_at(t->shared.config.seed, step, (uint32_t)k, ERN_RNG_FRAME);
   if (t->blink_count > 0 && ern_uniform(random.word[2]) < ERN_BLINK_SHARE)
     return t->blinks[ern_below(random.word[0], (uint32_t)t->blink_count)];
-  return ern_trainer_random_frame(t, random.word[0]);
+  return ern_trainer_random_frame(&t->shared, random.word[0]);
 }
 
 size_t ern_trainer_step_frame(const ern_trainer *t, size_t k) { return frame_of_step(t, t->shared.step, k); }
@@ -360,9 +340,9 @@ static ern_status draw_batch(ern_trainer *t, uint64_t step, size_t k, struct ern
   ern_status status = ERN_OK;
   *batch = (struct ern_batch){
       .frame = frame_of_step(t, step, frame), .rays = draw.rays, .patches = patches > 0 ? count : 0, .of_step = frame};
-  ERN_TRY(ern_trainer_frame(t, 0, batch->frame, &about));
-  ERN_TRY(ern_trainer_pixels(t, 0, batch->frame, &draw.truth, &draw.torso));
-  if (batch->patches == 0) ERN_TRY(ern_trainer_head(t, batch->frame, &draw.head));
+  ERN_TRY(ern_trainer_frame(&t->shared, 0, batch->frame, &about));
+  ERN_TRY(ern_trainer_pixels(&t->shared, 0, batch->frame, &draw.truth, &draw.torso));
+  if (batch->patches == 0) ERN_TRY(ern_trainer_head(&t->shared, batch->frame, &draw.head));
   batch->eye = about.eye + 0.1f * (ern_uniform(of_frame.word[1]) - 0.5f);
   for (int value = 0; value < 256; value++) draw.part[value] = (float)value / 255;
   find_regions(&draw);
@@ -402,7 +382,8 @@ ern_status ern_trainer_batch(ern_trainer *t, size_t k, struct ern_batch *batch) 
   t->drawn.step = 0;
   if (!drawn || !t->drawn.uploaded) ERN_TRY(upload_now(t, batch));
   if (!ern_trainer_poses_due(t)) batch->rigid = (ern_span){0};
-  if (!t->shared.config.torso) ERN_TRY(ern_trainer_upload_windows(t, batch->frame, batch->of_step, &batch->windows));
+  if (!t->shared.config.torso)
+    ERN_TRY(ern_trainer_upload_windows(&t->speech, batch->frame, batch->of_step, &batch->windows));
 fail:
   return status;
 }

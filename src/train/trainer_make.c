@@ -330,7 +330,7 @@ static ern_status find_blinks(ern_trainer *t) {
   ERN_TRY(ERN_NEW(t->shared.context, frames, &t->blinks));
   for (size_t i = t->shared.config.data_begin; i < t->shared.config.data_end; i++) {
     ern_dataset_frame about;
-    ERN_TRY(ern_trainer_frame(t, 0, i, &about));
+    ERN_TRY(ern_trainer_frame(&t->shared, 0, i, &about));
     if (about.eye >= 0.5f) t->blinks[t->blink_count++] = i;
   }
 fail:
@@ -342,11 +342,12 @@ static ern_status take_host(ern_trainer *t) {
   ern_status status = ERN_OK;
   ERN_TRY(ern_pool_make(t->shared.context, t->shared.config.threads, &t->shared.pool));
   ERN_TRY(ERN_NEW(t->shared.context, t->shared.data.frames[0], &t->shared.views));
-  for (size_t i = 0; i < t->shared.data.frames[0]; i++) ERN_TRY(ern_trainer_view(t, 0, i, &t->shared.views[i]));
+  for (size_t i = 0; i < t->shared.data.frames[0]; i++)
+    ERN_TRY(ern_trainer_view(&t->shared, 0, i, &t->shared.views[i]));
   ERN_TRY(find_blinks(t));
-  ERN_TRY(ern_trainer_head(t, t->shared.config.data_begin, &head)); /* so that an invalid one is found now */
+  ERN_TRY(ern_trainer_head(&t->shared, t->shared.config.data_begin, &head)); /* so that an invalid one is found now */
   ERN_TRY(ern_trainer_poses_make(t));
-  ERN_TRY(ern_trainer_speech_make(t));
+  ERN_TRY(ern_trainer_speech_make(&t->speech, &t->shared));
   ERN_TRY(ern_trainer_parts_make(t));
 fail:
   return status;
@@ -533,14 +534,13 @@ void ern_trainer_free(ern_trainer **trainer) {
   }
   t->shared.backend->stream_free(t->shared.stream);
   ern_pool_free(t->shared.pool);
+  ern_trainer_speech_free(&t->speech, t->shared.context);
   ern_trainer_poses_free(t);
   ern_trainer_parts_free(t);
   ern_release(t->shared.context, t->shared.views);
   ern_release(t->shared.context, t->blinks);
   ern_release(t->shared.context, t->host_pixels);
   ern_release(t->shared.context, t->host_rows);
-  ern_release(t->shared.context, t->host_windows);
-  ern_release(t->shared.context, t->speech_deviation);
   ern_release(t->shared.context, t->output);
   ern_model_free(&t->shared.model);
   ern_release(t->shared.context, t);

@@ -37,7 +37,7 @@ static ern_status find_neighbours(ern_trainer *t, struct ern_trainer_poses *p) {
   if (status != ERN_OK) return status;
   for (size_t i = 0; i < t->shared.data.frames[0]; i++) {
     ern_dataset_frame about;
-    ERN_TRY(ern_trainer_frame(t, 0, i, &about));
+    ERN_TRY(ern_trainer_frame(&t->shared, 0, i, &about));
     p->speech_row[i] = about.aud_id;
     p->beside[2 * i] = p->beside[2 * i + 1] = i;
   }

@@ -116,8 +116,8 @@ static ern_status look_at_frame(ern_trainer *t, size_t k, size_t frame, struct s
   ern_dataset_frame about;
   ern_span code;
   ern_status status = ERN_OK;
-  ERN_TRY(ern_trainer_frame(t, 0, frame, &about));
-  ERN_TRY(ern_trainer_audio_code(t, frame, &code));
+  ERN_TRY(ern_trainer_frame(&t->shared, 0, frame, &about));
+  ERN_TRY(ern_trainer_audio_code(&t->speech, frame, &code));
   const struct ern_head_density_args density = {
       .parameters = t->shared.parameters, .field = &t->shared.model->field, .code = code, .eye_value = about.eye};
   size_t rays;

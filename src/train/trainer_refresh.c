@@ -109,25 +109,14 @@ static ern_status list_due(ern_trainer *t, struct ern_occupancy_turn turn) {
   return status == ERN_OK ? t->shared.backend->zero(t->shared.stream, t->fresh) : status;
 }
 
-ern_status ern_trainer_audio_code(ern_trainer *t, size_t frame, ern_span *code) {
-  struct ern_audio_fwd_args audio = {.parameters = t->shared.parameters, .net = t->shared.model->field.audio};
-  ern_status status = ERN_OK;
-  ERN_TRY(ern_trainer_upload_windows(t, frame, 0, &audio.windows));
-  ERN_TRY(ern_scratch_take(t->shared.stream, ERN_ELEMENT_REAL, ERN_AUDIO_CODE, &audio.code));
-  ERN_TRY(t->shared.backend->audio_fwd(t->shared.stream, &audio));
-  *code = audio.code;
-fail:
-  return status;
-}
-
 static ern_status refresh_head(ern_trainer *t, size_t frame) {
   const struct ern_arena_mark mark = ern_arena_mark(t->shared.stream);
   const struct ern_occupancy_decay decay = decay_of(t);
   ern_dataset_frame about;
   ern_span code;
   ern_status status = ERN_OK;
-  ERN_TRY(ern_trainer_frame(t, 0, frame, &about));
-  ERN_TRY(ern_trainer_audio_code(t, frame, &code));
+  ERN_TRY(ern_trainer_frame(&t->shared, 0, frame, &about));
+  ERN_TRY(ern_trainer_audio_code(&t->speech, frame, &code));
   ERN_TRY(list_due(t, decay.turn));
   for (size_t begin = 0; begin < t->cell_count; begin += CHUNK)
     ERN_TRY(look_at(t, code, about.eye, begin, t->cell_count - begin < CHUNK ? t->cell_count - begin : CHUNK));
@@ -161,7 +150,7 @@ fail:
 
 ern_status ern_trainer_refresh(ern_trainer *t) {
   const size_t frame = ern_trainer_random_frame(
-      t, ern_random_at(t->shared.config.seed, t->shared.step, 0, ERN_RNG_REFRESH_FRAME).word[0]);
+      &t->shared, ern_random_at(t->shared.config.seed, t->shared.step, 0, ERN_RNG_REFRESH_FRAME).word[0]);
   return t->shared.config.torso ? refresh_torso(t, frame) : refresh_head(t, frame);
 }
 

@@ -51,13 +51,13 @@ static ern_status render(ern_trainer *t, struct look *look, int split, size_t fr
   struct ern_view view;
   ern_dataset_frame about;
   ern_status status = ERN_OK;
-  ERN_TRY(ern_trainer_frame(t, split, frame, &about));
-  ERN_TRY(ern_trainer_pixels(t, split, frame, truth, &torso));
-  ERN_TRY(ern_trainer_view(t, split, frame, &view));
-  ERN_TRY(ern_trainer_windows(t, split, frame, t->host_windows));
+  ERN_TRY(ern_trainer_frame(&t->shared, split, frame, &about));
+  ERN_TRY(ern_trainer_pixels(&t->shared, split, frame, truth, &torso));
+  ERN_TRY(ern_trainer_view(&t->shared, split, frame, &view));
+  ERN_TRY(ern_trainer_windows(&t->speech, split, frame, t->speech.windows));
   ern_frame_input input = {
       .camera = {.focal = view.focal, .cx = view.cx, .cy = view.cy, .width = view.width, .height = view.height},
-      .windows = t->host_windows,
+      .windows = t->speech.windows,
       .window_length = t->shared.data.features->window_length,
       .eye = about.eye,
       .individual = ERN_INDIVIDUAL_MEAN,
@@ -107,7 +107,7 @@ static void draw(const ern_trainer *t, struct look *look, const uint8_t *truth) 
 
 /* Records an error text for a hook that failed without one. `before`: the last error before the hook was called. */
 static ern_status answered(ern_trainer *t, ern_status status, const char *hook, const char *before) {
-  if (status == ERN_OK || !ern_trainer_said_nothing(t, before)) return status;
+  if (status == ERN_OK || !ern_trainer_error_is(t->shared.context, before)) return status;
   return ern_fail(t->shared.context, status, "train: the hook `%s` answered %s at step %llu", hook,
                   ern_status_name(status), (unsigned long long)t->shared.step);
 }

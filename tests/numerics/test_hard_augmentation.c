@@ -20,13 +20,13 @@ static ern_trainer *trainer_of(float noise) {
 static const float *step_windows(ern_trainer *t, size_t frame, size_t k) {
   ern_span windows;
   const struct ern_arena_mark mark = ern_arena_mark(t->shared.stream);
-  support_ok(made.context, ern_trainer_upload_windows(t, frame, k, &windows));
+  support_ok(made.context, ern_trainer_upload_windows(&t->speech, frame, k, &windows));
   ern_arena_release(t->shared.stream, mark);
-  return t->host_windows;
+  return t->speech.windows;
 }
 
 static void plain_windows(ern_trainer *t, size_t frame, float *to) {
-  support_ok(made.context, ern_trainer_windows(t, 0, frame, to));
+  support_ok(made.context, ern_trainer_windows(&t->speech, 0, frame, to));
 }
 
 /* noise[v][c]: what vector v of the step has beyond plain, in deviations. Checks that all windows agree on it. */
@@ -34,7 +34,7 @@ static void noise_of(const ern_trainer *t, const float *heard, const float *plai
   bool known[VECTORS][WIDTH] = {{false}};
   for (int i = 0; i < VALUES; i++) {
     const int w = i / (LENGTH * WIDTH), c = i % WIDTH, v = 2 * w + i / WIDTH % LENGTH;
-    const float added = (heard[i] - plain[i]) / t->speech_deviation[c];
+    const float added = (heard[i] - plain[i]) / t->speech.deviation[c];
     if (known[v][c]) assert_float_equal(added, noise[v][c], 1e-5); /* rounding of heard */
     noise[v][c] = added;
     known[v][c] = true;
