@@ -35,13 +35,13 @@ static json_t *settings_json(const ern_trainer *t) {
 }
 
 ern_status ern_state_about_text(const ern_trainer *t, char **text) {
-  const bool fine = t->fine_from != UINT64_MAX;
+  const bool fine = t->fine.from != UINT64_MAX;
   *text = NULL;
   json_t *training =
       json_pack("{s:o, s:b, s:s, s:s, s:f, s:o*, s:s, s:b}", "settings", settings_json(t), "torso_layer",
                 t->shared.data.has_torso, "features", t->shared.features, "fingerprint", t->shared.fingerprint,
-                "seconds_beside", t->shared.beside, "fine_from", fine ? json_integer((json_int_t)t->fine_from) : NULL,
-                "fine_loss", ern_trainer_fine_name(t), "pruned", t->pruned);
+                "seconds_beside", t->shared.beside, "fine_from", fine ? json_integer((json_int_t)t->fine.from) : NULL,
+                "fine_loss", ern_trainer_fine_name(&t->shared), "pruned", t->pruned);
   json_t *root = json_pack("{s:b, s:I, s:I, s:f, s:o}", "torso", t->shared.config.torso, "step",
                            (json_int_t)t->shared.step, "ema_updates", (json_int_t)t->ema_updates, "seconds",
                            t->shared.seconds + t->shared.pending_seconds, "training", training);
@@ -226,7 +226,7 @@ ern_status ern_state_about_check(const ern_trainer *t, const char *path, const s
   ERN_TRY(compare(t, path, "the SHA-256 of the speech features and their augmentation (--speech-augment)",
                   about->features, t->shared.features, true));
   ERN_TRY(compare(t, path, "torso_layer", about->layer ? "yes" : "no", t->shared.data.has_torso ? "yes" : "no", true));
-  if (planned) ERN_TRY(compare(t, path, "fine_loss", about->fine_loss, ern_trainer_fine_name(t), true));
+  if (planned) ERN_TRY(compare(t, path, "fine_loss", about->fine_loss, ern_trainer_fine_name(&t->shared), true));
   ERN_TRY(compare_settings(t, path, about, true));
   ERN_TRY(compare_settings(t, path, about, false));
 fail:

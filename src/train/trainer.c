@@ -27,7 +27,7 @@ static double seconds_now(void) {
 
 /* Progress: s of docs/maths.md, Update. In the coarse stage over its own steps, in the fine stage over all steps. */
 static double progress(const ern_trainer *t) {
-  const uint64_t steps = ern_trainer_is_fine(t) ? t->shared.config.iters : ern_trainer_coarse_steps(t);
+  const uint64_t steps = ern_trainer_is_fine(&t->fine) ? t->shared.config.iters : ern_trainer_coarse_steps(&t->fine);
   return steps > t->shared.step ? (double)t->shared.step / (double)steps : 1;
 }
 
@@ -46,7 +46,7 @@ static const char *const term_name[ERN_LOSS_TERMS] = {"photometric", "uncertaint
 
 static void add_part(const ern_trainer *t, struct ern_step_sum *sum, const double *terms, double squared_error,
                      size_t samples, size_t rays) {
-  const double all = (double)ern_trainer_step_rays(t), share = (double)rays / all;
+  const double all = (double)ern_trainer_step_rays(&t->fine), share = (double)rays / all;
   for (int i = 0; i < ERN_LOSS_TERMS; i++) sum->terms[i] += share * terms[i];
   sum->squared_error += share * squared_error;
   sum->samples += (double)samples / all;
@@ -57,7 +57,7 @@ static struct ern_step_patches patches_of(const ern_trainer *t, const struct ern
   const int side = t->shared.config.patch_size;
   const float weight = t->shared.step % 2 == 1 ? t->shared.config.fine_lips_weight : t->shared.config.fine_weight;
   return (struct ern_step_patches){.loss = t->shared.config.fine_loss,
-                                   .filter = {t->patch_filter, 0, ern_patch_filter_count((size_t)side)},
+                                   .filter = {t->fine.filter, 0, ern_patch_filter_count((size_t)side)},
                                    .weight = weight,
                                    .side = side,
                                    .count = batch->patches};
@@ -65,7 +65,8 @@ static struct ern_step_patches patches_of(const ern_trainer *t, const struct ern
 
 static ern_status head_step(ern_trainer *t, struct ern_batch *batch, struct ern_step_sum *sum) {
   const struct ern_march_settings march = ern_trainer_march(t);
-  const struct ern_view view = ern_trainer_poses_view(t, batch->frame);
+  const struct ern_view view =
+      t->poses != NULL ? ern_trainer_poses_view(t->poses, batch->frame) : t->shared.views[batch->frame];
   struct ern_head_step_args args = {.dparameters = t->gradient,
                                     .parameters = t->shared.parameters,
                                     .field = &t->shared.model->field,
@@ -93,7 +94,7 @@ static ern_status head_step(ern_trainer *t, struct ern_batch *batch, struct ern_
                                     .bf16 = t->shared.bf16,
                                     .seed = t->shared.config.seed,
                                     .step = t->shared.step,
-                                    .dpose = ern_trainer_poses_due(t) ? batch->dpose : NULL,
+                                    .dpose = ern_trainer_poses_due(t->poses) ? batch->dpose : NULL,
                                     .dpose_weight = batch->rigid,
                                     .patches = patches_of(t, batch),
                                     .meanwhile = ern_trainer_draw_ahead,
@@ -131,7 +132,7 @@ ern_status ern_trainer_batch_step(ern_trainer *t, struct ern_batch *batch, struc
 
 /* Checks every loss term and gradient; the error names the first that is not finite. */
 static ern_status check_finite(ern_trainer *t, const struct ern_step_sum *sum) {
-  const size_t frames = ern_trainer_step_frames(t);
+  const size_t frames = ern_trainer_step_frames(&t->fine);
   const double *terms = sum->terms;
   for (int i = 0; i < ERN_LOSS_TERMS; i++)
     if (!isfinite(terms[i]))
@@ -177,7 +178,7 @@ static struct ern_adamw_args update_of(const ern_trainer *t, const struct ern_pa
 /* Consecutive rows of one group are updated in one call, as most are short; the padding between them is zero and stays
  * zero. */
 static ern_status update(ern_trainer *t) {
-  const float factor = (float)pow(ern_trainer_is_fine(t) ? 0.05 : 0.5, progress(t));
+  const float factor = (float)pow(ern_trainer_is_fine(&t->fine) ? 0.05 : 0.5, progress(t));
   const struct ern_parameter_table *table = &t->shared.model->table;
   for (int r = 0; r < table->rows;) {
     const struct ern_parameter *first = &table->row[r++];
@@ -211,7 +212,7 @@ static ern_status sum_step(ern_trainer *t, struct ern_batch *batches, struct ern
   *sum = (struct ern_step_sum){.samples = 0};
   if (t->shared.config.step_parts > 1) return ern_trainer_parts_step(t, batches, sum);
   ern_status status = t->shared.backend->zero(t->shared.stream, t->gradient);
-  for (size_t k = 0; status == ERN_OK && k < ern_trainer_own_batches(t); k++)
+  for (size_t k = 0; status == ERN_OK && k < ern_trainer_own_batches(&t->fine); k++)
     status = ern_trainer_batch_step(t, &batches[k], sum);
   return status;
 }
@@ -237,21 +238,21 @@ static ern_status take_step(ern_trainer *t, ern_train_report *report) {
   /* processes that train together agree on the time only at the end of a step */
   if (t->shared.step < t->shared.config.iters && t->shared.communicator.size == 1)
     ern_trainer_follow_time(t, t->shared.step + 1);
-  ern_trainer_fine_due(t);
-  const size_t frames = ern_trainer_step_frames(t), own = ern_trainer_own_batches(t);
+  ern_trainer_fine_due(&t->fine);
+  const size_t frames = ern_trainer_step_frames(&t->fine), own = ern_trainer_own_batches(&t->fine);
   *report = (ern_train_report){.iters = t->shared.config.iters};
   if (t->shared.step >= t->shared.config.iters)
     ERN_TRY(ern_fail(t->shared.context, ERN_E_STATE, "train: all %" PRIu64 " steps are done", t->shared.config.iters));
   /* first, so that the state is that after the last step where a picture cannot be read */
-  for (size_t k = 0; k < own; k++) ERN_TRY(ern_trainer_batch(t, ern_trainer_first_batch(t) + k, &batches[k]));
+  for (size_t k = 0; k < own; k++) ERN_TRY(ern_trainer_batch(t, ern_trainer_first_batch(&t->fine) + k, &batches[k]));
   ERN_TRY(ern_trainer_occupancy(t));
   ERN_TRY(sum_step(t, batches, &sum));
   report->psnr = -10 * log10(fmax(sum.squared_error, 1e-10));
   report->samples_per_ray = sum.samples;
   ERN_TRY(check_finite(t, &sum));
   ERN_TRY(update(t));
-  for (size_t k = 0; ern_trainer_poses_due(t) && k < frames; k++)
-    ern_trainer_poses_step(t, ern_trainer_step_frame(t, k), sum.dpose[k]);
+  for (size_t k = 0; ern_trainer_poses_due(t->poses) && k < frames; k++)
+    ern_trainer_poses_step(t->poses, ern_trainer_step_frame(t, k), sum.dpose[k]);
   t->shared.step++;
   if (t->shared.step % t->shared.config.ema_every == 0) ERN_TRY(average(t));
   for (int i = 0; i < ERN_LOSS_TERMS; i++) report->loss += sum.terms[i];
@@ -436,7 +437,7 @@ ern_status ern_trainer_run_sized(ern_trainer *t, const ern_train_hooks *hooks, s
         t->output != NULL && t->shared.step > t->saved && status != ERN_E_NO_MEMORY; /* may be mid-update */
     if (status != ERN_OK) return stopped(t, keep ? save_after(t, status) : status);
     /* not in the fine stage: patches differ too much from step to step */
-    if (t->shared.config.rays >= 64 && !ern_trainer_is_fine(t) && ern_divergence_step(&divergence, report.psnr))
+    if (t->shared.config.rays >= 64 && !ern_trainer_is_fine(&t->fine) && ern_divergence_step(&divergence, report.psnr))
       warn_of_divergence(t, &divergence);
     tally.loss += report.loss;
     tally.psnr += report.psnr;

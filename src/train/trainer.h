@@ -5,6 +5,8 @@
 
 #include "train/losses_ops.h"
 #include "train/trainer_data.h"
+#include "train/trainer_fine.h"
+#include "train/trainer_poses.h"
 #include "train/trainer_shared.h"
 #include "train/trainer_speech.h"
 
@@ -45,16 +47,6 @@ struct ern_run_folder {
   bool fresh;      /* this training has written nothing yet: files in the folder are an earlier one's */
   bool unmeasured; /* resumed at a step that the curve lacks: its validation may have been stopped */
   struct ern_lines log_lines, curve_lines;
-};
-
-/* One row per frame: three angles (radians) and a translation (scene units) of the model's camera refinement, both
- * about the scene's origin. Their mean over the trained frames is 0. */
-struct ern_trainer_poses {
-  float *row;     /* [frames][ERN_POSE_PARAMETERS] */
-  float *bend;    /* [frames][ERN_POSE_PARAMETERS]: second differences of the clip's own camera path, 0 at its gaps */
-  size_t *beside; /* [frames][2]: the frames before and after in time, the frame itself where there is none */
-  int64_t *speech_row;  /* [frames]: their rows of the speech */
-  float mean_square[2]; /* of the gradients by angles and by moves, all frames together; 0: no step yet */
 };
 
 /* Results of a step besides its gradient: means over its rays. A plain array of doubles for the communicator. */
@@ -99,10 +91,7 @@ struct ern_trainer {
   size_t *blinks, blink_count;     /* training frames with shut eyes; none: all frames are drawn alike */
   struct ern_trainer_poses *poses; /* NULL: poses are not refined */
   uint64_t ema_updates;
-  uint64_t fine_from;              /* the first step of the fine stage; UINT64_MAX: none */
-  struct ern_buffer *patch_filter; /* of patches_ops.h; NULL without a fine stage */
-  ern_fine_loss fine_loss;         /* a copy of *config.fine_loss */
-  char fine_name[32];              /* and its name */
+  struct ern_trainer_fine fine;
   struct ern_run_folder run;
   uint64_t saved; /* step of this training's newest state in the run folder; 0: none */
   bool diverged;  /* since the last save, and the folder has a state from before */
@@ -150,40 +139,10 @@ ERN_NODISCARD ern_status ern_train_settings_check(ern_context *context, const er
  * time is over, to the steps already made; at least `least`. */
 void ern_trainer_follow_time(ern_trainer *t, uint64_t least);
 
-/* trainer_fine.c (docs/maths.md, "The fine stage") */
-/* Checks and copies config.fine_loss. */
-ERN_NODISCARD ern_status ern_trainer_fine_take(ern_trainer *t);
-const char *ern_trainer_fine_name(const ern_trainer *t); /* "ssim" without config.fine_loss */
-/* Whether the next step belongs to the fine stage. */
-static inline bool ern_trainer_is_fine(const ern_trainer *t) { return t->shared.step >= t->fine_from; }
-/* Decides when the fine stage begins; `found`: its beginning in a resumed state, UINT64_MAX: none. */
-ERN_NODISCARD ern_status ern_trainer_fine_begin(ern_trainer *t, uint64_t found);
-/* Steps before the fine stage, all steps where there is none; with config.seconds an estimate from the pace so far. */
-uint64_t ern_trainer_coarse_steps(const ern_trainer *t);
-/* Before a step, with config.seconds: begins the fine stage once its share of the time has come. */
-void ern_trainer_fine_due(ern_trainer *t);
-size_t ern_trainer_most_rays(const ern_trainer *t); /* of any step */
-/* Frames, rays and patches of the next step. */
-size_t ern_trainer_step_frames(const ern_trainer *t);
-size_t ern_trainer_step_rays(const ern_trainer *t);
-size_t ern_trainer_step_patches(const ern_trainer *t); /* 0: its rays are no patches */
-/* Pixels of patches [first, first + count) of the step, one patch after the other. about: the frame */
-void ern_trainer_place_patches(const ern_trainer *t, const ern_dataset_frame *about, size_t first, size_t count,
-                               int32_t *pixel);
-
 /* trainer.c: forward and backward of a batch, added to gradient and sum. */
 ERN_NODISCARD ern_status ern_trainer_batch_step(ern_trainer *t, struct ern_batch *batch, struct ern_step_sum *sum);
 
 /* trainer_parts.c (docs/scaling.md, "Parts of a step") */
-enum { ERN_STEP_BATCHES_MOST = 64 };
-/* Batches of the next step in all processes: one for each frame, or several for a frame where a step has more parts
- * than frames. */
-size_t ern_trainer_step_batches(const ern_trainer *t);
-/* The batches of this process are a contiguous range: its first one, and their number. */
-size_t ern_trainer_first_batch(const ern_trainer *t);
-static inline size_t ern_trainer_own_batches(const ern_trainer *t) {
-  return ern_trainer_step_batches(t) / (size_t)t->shared.communicator.size;
-}
 ERN_NODISCARD ern_status ern_trainer_parts_check(ern_context *context, const ern_train_config *config);
 ERN_NODISCARD ern_status ern_trainer_parts_make(ern_trainer *t);
 void ern_trainer_parts_free(ern_trainer *t);
@@ -213,23 +172,6 @@ size_t ern_trainer_step_frame(const ern_trainer *t, size_t k);
 static inline size_t ern_trainer_code(const ern_trainer *t, size_t frame) {
   return t->shared.model->field.config.codes > 0 ? frame : 0;
 }
-
-/* trainer_poses.c (docs/poses.md) */
-/* Does nothing where config.refine_poses is not set. */
-ERN_NODISCARD ern_status ern_trainer_poses_make(ern_trainer *t);
-void ern_trainer_poses_free(ern_trainer *t);
-
-/* Whether this step asks for the camera's gradient. */
-bool ern_trainer_poses_due(const ern_trainer *t);
-/* The camera of a training frame as it is refined now. */
-struct ern_view ern_trainer_poses_view(ern_trainer *t, size_t frame);
-/* Updates the pose row of the frame that a step trained on. dpose: [ERN_POSE_PARAMETERS], finite */
-void ern_trainer_poses_step(ern_trainer *t, size_t frame, const double *dpose);
-
-/* Writes the rows, in the model's form, and their regression to t->shared.model. */
-ERN_NODISCARD ern_status ern_trainer_poses_download(ern_trainer *t);
-/* The reverse: reads the rows that `model` has. */
-ERN_NODISCARD ern_status ern_trainer_poses_take(ern_trainer *t, const ern_model *model);
 
 /* trainer_refresh.c */
 ERN_NODISCARD ern_status ern_trainer_mark(ern_trainer *t); /* new training: marks cells that no camera sees */

@@ -261,7 +261,7 @@ static void fill_patches_task(void *user, size_t shard, int worker) {
 
 /* In the fine stage: draws `count` patches of the step from number `first` on. */
 static void draw_patches(struct draw *draw, size_t first, size_t count) {
-  ern_trainer_place_patches(draw->t, draw->about, first, count, draw->t->host_pixels);
+  ern_trainer_place_patches(&draw->t->fine, draw->about, first, count, draw->t->host_pixels);
   ern_pool_run(draw->t->shared.pool, ERN_SHARDS, fill_patches_task, draw);
 }
 
@@ -322,8 +322,8 @@ size_t ern_trainer_step_frame(const ern_trainer *t, size_t k) { return frame_of_
 
 /* Fills host_pixels and host_rows with batch k of a step; patches only of the next one. */
 static ern_status draw_batch(ern_trainer *t, uint64_t step, size_t k, struct ern_batch *batch) {
-  const size_t batches = ern_trainer_step_batches(t), patches = ern_trainer_step_patches(t);
-  const size_t frame = k * ern_trainer_step_frames(t) / batches;
+  const size_t batches = ern_trainer_step_batches(&t->fine), patches = ern_trainer_step_patches(&t->fine);
+  const size_t frame = k * ern_trainer_step_frames(&t->fine) / batches;
   const struct ern_random of_frame = ern_random_at(t->shared.config.seed, step, (uint32_t)frame, ERN_RNG_FRAME);
   const size_t each = patches > 0 ? (size_t)t->shared.config.patch_size * (size_t)t->shared.config.patch_size : 1;
   const size_t units = patches > 0 ? patches : (size_t)t->shared.config.rays; /* divided among the batches */
@@ -359,7 +359,7 @@ fail:
 
 /* A step has one batch of single rays. */
 static bool is_simple(const ern_trainer *t) {
-  return ern_trainer_step_batches(t) == 1 && ern_trainer_step_patches(t) == 0;
+  return ern_trainer_step_batches(&t->fine) == 1 && ern_trainer_step_patches(&t->fine) == 0;
 }
 
 void ern_trainer_draw_ahead(void *trainer) {
@@ -381,7 +381,7 @@ ern_status ern_trainer_batch(ern_trainer *t, size_t k, struct ern_batch *batch) 
     ERN_TRY(draw_batch(t, t->shared.step, k, batch));
   t->drawn.step = 0;
   if (!drawn || !t->drawn.uploaded) ERN_TRY(upload_now(t, batch));
-  if (!ern_trainer_poses_due(t)) batch->rigid = (ern_span){0};
+  if (!ern_trainer_poses_due(t->poses)) batch->rigid = (ern_span){0};
   if (!t->shared.config.torso)
     ERN_TRY(ern_trainer_upload_windows(&t->speech, batch->frame, batch->of_step, &batch->windows));
 fail:

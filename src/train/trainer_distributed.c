@@ -66,7 +66,7 @@ static ern_status check_same_training(ern_trainer *t) {
   snprintf(own, sizeof own, "backend %s (%s), clip %.12s, speech %.12s, %s of %zu parameters%s, loss of patches %s",
            t->shared.backend->name, t->shared.backend->isa, t->shared.identity, t->shared.features,
            t->shared.config.torso ? "torso" : "head", t->shared.model->field.parameters,
-           t->shared.data.head != NULL ? " with ern_dataset.head" : "", ern_trainer_fine_name(t));
+           t->shared.data.head != NULL ? " with ern_dataset.head" : "", ern_trainer_fine_name(&t->shared));
   ern_status status = check_same(t, "", own);
   for (size_t i = 0; (s = ern_train_setting(i)) != NULL && status == ERN_OK; i++) {
     if (!s->same_everywhere) continue;
@@ -115,13 +115,13 @@ static ern_status share_numbers(ern_trainer *t) {
     uint64_t step, ema_updates, fine_from, iters, fine_steps;
     double seconds, beside, torso_mean;
     uint64_t bf16, pruned;
-  } now = {t->shared.step,    t->ema_updates,   t->fine_from,  t->shared.config.iters, t->shared.config.fine_steps,
+  } now = {t->shared.step,    t->ema_updates,   t->fine.from,  t->shared.config.iters, t->shared.config.fine_steps,
            t->shared.seconds, t->shared.beside, t->torso_mean, t->shared.bf16,         t->pruned};
   const ern_status status = broadcast(t, &now, sizeof now);
   if (status != ERN_OK) return status;
   t->shared.step = now.step;
   t->ema_updates = now.ema_updates;
-  t->fine_from = now.fine_from;
+  t->fine.from = now.fine_from;
   t->shared.config.iters = now.iters;
   t->shared.config.fine_steps = now.fine_steps;
   t->shared.seconds = now.seconds;

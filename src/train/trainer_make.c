@@ -346,7 +346,7 @@ static ern_status take_host(ern_trainer *t) {
     ERN_TRY(ern_trainer_view(&t->shared, 0, i, &t->shared.views[i]));
   ERN_TRY(find_blinks(t));
   ERN_TRY(ern_trainer_head(&t->shared, t->shared.config.data_begin, &head)); /* so that an invalid one is found now */
-  ERN_TRY(ern_trainer_poses_make(t));
+  ERN_TRY(ern_trainer_poses_make(&t->poses, &t->fine));
   ERN_TRY(ern_trainer_speech_make(&t->speech, &t->shared));
   ERN_TRY(ern_trainer_parts_make(t));
 fail:
@@ -354,7 +354,7 @@ fail:
 }
 
 static ern_status take_rays(ern_trainer *t) {
-  const size_t rays = ern_trainer_most_rays(t);
+  const size_t rays = ern_trainer_most_rays(&t->fine);
   ern_status status = ERN_NEW(t->shared.context, rays, &t->host_pixels);
   if (status == ERN_OK) status = ERN_NEW(t->shared.context, 9 * ern_scratch_stride(rays), &t->host_rows);
   return status;
@@ -476,11 +476,10 @@ ern_status ern_trainer_create_sized(ern_trainer **trainer, ern_backend *backend,
   t->shared.data = data;
   t->shared.config = chosen;
   t->run.lock = t->torso_run.lock = -1;
-  t->fine_from = UINT64_MAX;
   t->shared.communicator = (ern_communicator){.size = 1};
   if (chosen.communicator != NULL) t->shared.communicator = *chosen.communicator;
   t->shared.config.communicator = NULL;
-  ERN_TRY(ern_trainer_fine_take(t));
+  ERN_TRY(ern_trainer_fine_take(&t->fine, &t->shared));
   ERN_TRY(check_data(t));
   if (data.identity != NULL) memcpy(t->shared.identity, data.identity, strlen(data.identity) + 1);
   if (data.fingerprint != NULL) memcpy(t->shared.fingerprint, data.fingerprint, strlen(data.fingerprint) + 1);
@@ -503,7 +502,7 @@ ern_status ern_trainer_create_sized(ern_trainer **trainer, ern_backend *backend,
   if (chosen.output != NULL || t->shared.communicator.size > 1) name_features(t);
   ERN_TRY(fill(t));
   ERN_TRY(ern_trainer_share_state(t));
-  ERN_TRY(ern_trainer_fine_begin(t, t->fine_from));
+  ERN_TRY(ern_trainer_fine_begin(&t->fine));
   ERN_TRY(take_rays(t));
   t->pruned = t->pruned && ern_trainer_prune_due(t); /* a training that is resumed for longer refreshes again */
   ERN_TRY(check_average(t));
@@ -526,7 +525,7 @@ void ern_trainer_free(ern_trainer **trainer) {
   ern_run_folder_close(t->shared.context, &t->torso_run);
   t->shared.backend->buffer_free(t->shared.backend, t->reals);
   t->shared.backend->buffer_free(t->shared.backend, t->bits_buffer);
-  t->shared.backend->buffer_free(t->shared.backend, t->patch_filter);
+  t->shared.backend->buffer_free(t->shared.backend, t->fine.filter);
   t->shared.backend->buffer_free(t->shared.backend, t->cells_buffer);
   for (int i = 0; i < 2; i++) {
     t->shared.backend->buffer_free(t->shared.backend, t->drawn.pixels[i]);
@@ -535,7 +534,7 @@ void ern_trainer_free(ern_trainer **trainer) {
   t->shared.backend->stream_free(t->shared.stream);
   ern_pool_free(t->shared.pool);
   ern_trainer_speech_free(&t->speech, t->shared.context);
-  ern_trainer_poses_free(t);
+  ern_trainer_poses_free(&t->poses);
   ern_trainer_parts_free(t);
   ern_release(t->shared.context, t->shared.views);
   ern_release(t->shared.context, t->blinks);

@@ -33,15 +33,6 @@ ern_status ern_trainer_parts_check(ern_context *context, const ern_train_config 
   return ERN_OK;
 }
 
-size_t ern_trainer_step_batches(const ern_trainer *t) {
-  const size_t frames = ern_trainer_step_frames(t), parts = (size_t)t->shared.config.step_parts;
-  return frames > parts ? frames : parts;
-}
-
-size_t ern_trainer_first_batch(const ern_trainer *t) {
-  return ern_trainer_own_batches(t) * (size_t)t->shared.communicator.rank;
-}
-
 /* The range from the first to the last trained row; rows in between that are not trained have no gradient. */
 static void find_values(ern_trainer *t) {
   const struct ern_parameter_table *table = &t->shared.model->table;
@@ -108,8 +99,8 @@ fail:
 ern_status ern_trainer_parts_step(ern_trainer *t, struct ern_batch *batches, struct ern_step_sum *sum) {
   struct ern_trainer_parts *parts = &t->parts;
   const size_t own = (size_t)(t->shared.config.step_parts / t->shared.communicator.size),
-               each = ern_trainer_own_batches(t) / own;
-  const size_t frames = ern_trainer_step_frames(t), all = ern_trainer_step_batches(t);
+               each = ern_trainer_own_batches(&t->fine) / own;
+  const size_t frames = ern_trainer_step_frames(&t->fine), all = ern_trainer_step_batches(&t->fine);
   size_t height = 0;
   ern_status status = ERN_OK;
   for (size_t p = 0; p < own; p++) {

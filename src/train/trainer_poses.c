@@ -1,12 +1,13 @@
 /* SPDX-License-Identifier: MIT
  * Refinement of poses during training: one row per frame, updated when a step trains on the frame. */
-#include "train/trainer.h"
+#include "train/trainer_poses.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "core/memory.h"
+#include "train/trainer_data.h"
 
 enum { N = ERN_POSE_PARAMETERS };
 
@@ -30,14 +31,15 @@ static int by_time(const void *left, const void *right) {
 }
 
 /* Frames of [data_begin, data_end) with consecutive moments are neighbours. */
-static ern_status find_neighbours(ern_trainer *t, struct ern_trainer_poses *p) {
-  const size_t begin = t->shared.config.data_begin, count = t->shared.config.data_end - begin;
+static ern_status find_neighbours(struct ern_trainer_poses *p) {
+  const struct ern_training *t = p->training;
+  const size_t begin = t->config.data_begin, count = t->config.data_end - begin;
   struct frame_time *frame_time = NULL;
-  ern_status status = ERN_NEW(t->shared.context, count, &frame_time);
+  ern_status status = ERN_NEW(t->context, count, &frame_time);
   if (status != ERN_OK) return status;
-  for (size_t i = 0; i < t->shared.data.frames[0]; i++) {
+  for (size_t i = 0; i < t->data.frames[0]; i++) {
     ern_dataset_frame about;
-    ERN_TRY(ern_trainer_frame(&t->shared, 0, i, &about));
+    ERN_TRY(ern_trainer_frame(t, 0, i, &about));
     p->speech_row[i] = about.aud_id;
     p->beside[2 * i] = p->beside[2 * i + 1] = i;
   }
@@ -49,7 +51,7 @@ static ern_status find_neighbours(ern_trainer *t, struct ern_trainer_poses *p) {
     p->beside[2 * frame_time[i - 1].frame + 1] = frame_time[i].frame;
   }
 fail:
-  ern_release(t->shared.context, frame_time);
+  ern_release(t->context, frame_time);
   return status;
 }
 
@@ -74,46 +76,50 @@ static bool has_both(const struct ern_trainer_poses *p, size_t frame) {
   return p->beside[2 * frame] != frame && p->beside[2 * frame + 1] != frame;
 }
 
-ern_status ern_trainer_poses_make(ern_trainer *t) {
-  const size_t frames = t->shared.data.frames[0];
+ern_status ern_trainer_poses_make(struct ern_trainer_poses **poses, const struct ern_trainer_fine *fine) {
+  const struct ern_training *t = fine->training;
+  const size_t frames = t->data.frames[0];
   struct ern_trainer_poses *p = NULL;
   ern_status status = ERN_OK;
-  if (!t->shared.config.refine_poses || t->shared.config.torso) return ERN_OK;
-  ERN_TRY(ERN_NEW(t->shared.context, 1, &p));
-  t->poses = p;
-  ERN_TRY(ERN_NEW(t->shared.context, N * frames, &p->row));
-  ERN_TRY(ERN_NEW(t->shared.context, N * frames, &p->bend));
-  ERN_TRY(ERN_NEW(t->shared.context, 2 * frames, &p->beside));
-  ERN_TRY(ERN_NEW(t->shared.context, frames, &p->speech_row));
-  if (t->shared.model->camera == NULL) ERN_TRY(ERN_NEW(t->shared.context, N * frames, &t->shared.model->camera));
-  t->shared.model->cameras = frames;
-  ERN_TRY(find_neighbours(t, p));
+  if (!t->config.refine_poses || t->config.torso) return ERN_OK;
+  ERN_TRY(ERN_NEW(t->context, 1, &p));
+  *poses = p;
+  p->training = t;
+  p->fine = fine;
+  ERN_TRY(ERN_NEW(t->context, N * frames, &p->row));
+  ERN_TRY(ERN_NEW(t->context, N * frames, &p->bend));
+  ERN_TRY(ERN_NEW(t->context, 2 * frames, &p->beside));
+  ERN_TRY(ERN_NEW(t->context, frames, &p->speech_row));
+  if (t->model->camera == NULL) ERN_TRY(ERN_NEW(t->context, N * frames, &t->model->camera));
+  t->model->cameras = frames;
+  ERN_TRY(find_neighbours(p));
   for (size_t i = 0; i < frames; i++) {
     if (!has_both(p, i)) continue;
-    add_way(p->bend + N * i, t->shared.views[p->beside[2 * i]].pose, t->shared.views[i].pose);
-    add_way(p->bend + N * i, t->shared.views[p->beside[2 * i + 1]].pose, t->shared.views[i].pose);
+    add_way(p->bend + N * i, t->views[p->beside[2 * i]].pose, t->views[i].pose);
+    add_way(p->bend + N * i, t->views[p->beside[2 * i + 1]].pose, t->views[i].pose);
   }
 fail:
   return status;
 }
 
-void ern_trainer_poses_free(ern_trainer *t) {
-  struct ern_trainer_poses *p = t->poses;
+void ern_trainer_poses_free(struct ern_trainer_poses **poses) {
+  struct ern_trainer_poses *p = *poses;
   if (p == NULL) return;
-  ern_release(t->shared.context, p->row);
-  ern_release(t->shared.context, p->bend);
-  ern_release(t->shared.context, p->beside);
-  ern_release(t->shared.context, p->speech_row);
-  ern_release(t->shared.context, p);
-  t->poses = NULL;
+  ern_context *context = p->training->context;
+  ern_release(context, p->row);
+  ern_release(context, p->bend);
+  ern_release(context, p->beside);
+  ern_release(context, p->speech_row);
+  ern_release(context, p);
+  *poses = NULL;
 }
 
 /* ---- from rows to poses ------------------------------------------------------------------------------------------ */
 
 /* Removes the mean of the rows: an offset common to all frames describes another head, not other poses. */
-static void hold_mean(ern_trainer *t) {
-  struct ern_trainer_poses *p = t->poses;
-  const size_t begin = t->shared.config.data_begin, end = t->shared.config.data_end;
+static void hold_mean(struct ern_trainer_poses *p) {
+  const struct ern_training *t = p->training;
+  const size_t begin = t->config.data_begin, end = t->config.data_end;
   double mean[N] = {0};
   for (size_t i = begin; i < end; i++)
     for (size_t k = 0; k < N; k++) mean[k] += (double)p->row[N * i + k] / (double)(end - begin);
@@ -122,11 +128,11 @@ static void hold_mean(ern_trainer *t) {
 }
 
 /* Row `frame` of the model, a trained one: degrees, and how far the camera goes, turn included. */
-static void give_row(ern_trainer *t, size_t frame) {
+static void give_row(const struct ern_trainer_poses *p, size_t frame) {
+  const struct ern_training *t = p->training;
   const double degree = 3.14159265358979323846 / 180;
-  const float *row = t->poses->row + N * frame, *pose = t->shared.views[frame].pose;
-  float *angle = t->shared.model->camera + 3 * frame,
-        *move = t->shared.model->camera + 3 * (t->shared.model->cameras + frame);
+  const float *row = p->row + N * frame, *pose = t->views[frame].pose;
+  float *angle = t->model->camera + 3 * frame, *move = t->model->camera + 3 * (t->model->cameras + frame);
   float turned[16];
   for (size_t k = 0; k < 3; k++) {
     angle[k] = (float)((double)row[k] / degree);
@@ -135,25 +141,25 @@ static void give_row(ern_trainer *t, size_t frame) {
   /* the columns of a rotation turn as any vector does: the origin stands where the first one was */
   memcpy(turned, pose, sizeof turned);
   for (int r = 0; r < 3; r++) turned[4 * r] = pose[4 * r + 3];
-  ern_model_refine(t->shared.model, frame, turned);
+  ern_model_refine(t->model, frame, turned);
   for (int r = 0; r < 3; r++) move[r] = (float)((double)turned[4 * r] - (double)pose[4 * r + 3] + (double)row[3 + r]);
 }
 
-struct ern_view ern_trainer_poses_view(ern_trainer *t, size_t frame) {
-  struct ern_view view = t->shared.views[frame];
-  if (t->poses == NULL) return view;
-  give_row(t, frame);
-  ern_model_refine(t->shared.model, frame, view.pose);
+struct ern_view ern_trainer_poses_view(const struct ern_trainer_poses *p, size_t frame) {
+  const struct ern_training *t = p->training;
+  struct ern_view view = t->views[frame];
+  give_row(p, frame);
+  ern_model_refine(t->model, frame, view.pose);
   return view;
 }
 
 /* Frames that are not trained on get the rows that the regression predicts. */
-static void give_predicted(ern_trainer *t) {
-  ern_model *model = t->shared.model;
-  for (size_t i = 0; i < t->shared.data.frames[0]; i++) {
+static void give_predicted(const struct ern_training *t) {
+  ern_model *model = t->model;
+  for (size_t i = 0; i < t->data.frames[0]; i++) {
     double row[N];
-    if (i >= t->shared.config.data_begin && i < t->shared.config.data_end) continue;
-    ern_pose_regression_predict(&model->unseen, t->shared.views[i].pose, row);
+    if (i >= t->config.data_begin && i < t->config.data_end) continue;
+    ern_pose_regression_predict(&model->unseen, t->views[i].pose, row);
     for (size_t k = 0; k < 3; k++) {
       model->camera[3 * i + k] = (float)row[k];
       model->camera[3 * (model->cameras + i) + k] = (float)row[3 + k];
@@ -161,37 +167,39 @@ static void give_predicted(ern_trainer *t) {
   }
 }
 
-ern_status ern_trainer_poses_download(ern_trainer *t) {
-  const size_t begin = t->shared.config.data_begin, count = t->shared.config.data_end - begin;
-  const ern_model *model = t->shared.model;
+ern_status ern_trainer_poses_download(const struct ern_trainer_poses *p) {
+  if (p == NULL) return ERN_OK;
+  const struct ern_training *t = p->training;
+  const size_t begin = t->config.data_begin, count = t->config.data_end - begin;
+  const ern_model *model = t->model;
   float *pose = NULL, *row = NULL;
   ern_status status = ERN_OK;
-  if (t->poses == NULL) return ERN_OK;
-  ERN_TRY(ERN_NEW(t->shared.context, 16 * count, &pose));
-  ERN_TRY(ERN_NEW(t->shared.context, N * count, &row));
+  ERN_TRY(ERN_NEW(t->context, 16 * count, &pose));
+  ERN_TRY(ERN_NEW(t->context, N * count, &row));
   for (size_t i = 0; i < count; i++) {
-    give_row(t, begin + i);
-    memcpy(pose + 16 * i, t->shared.views[begin + i].pose, 16 * sizeof *pose);
+    give_row(p, begin + i);
+    memcpy(pose + 16 * i, t->views[begin + i].pose, 16 * sizeof *pose);
     for (size_t k = 0; k < 3; k++) {
       row[N * i + k] = model->camera[3 * (begin + i) + k];
       row[N * i + 3 + k] = model->camera[3 * (model->cameras + begin + i) + k];
     }
   }
-  ern_pose_regression_fit(&t->shared.model->unseen, pose, row, count);
+  ern_pose_regression_fit(&t->model->unseen, pose, row, count);
   give_predicted(t);
 fail:
-  ern_release(t->shared.context, pose);
-  ern_release(t->shared.context, row);
+  ern_release(t->context, pose);
+  ern_release(t->context, row);
   return status;
 }
 
-ern_status ern_trainer_poses_take(ern_trainer *t, const ern_model *model) {
+ern_status ern_trainer_poses_take(struct ern_trainer_poses *p, const ern_model *model) {
+  if (p == NULL) return ERN_OK;
+  const struct ern_training *t = p->training;
   const double degree = 3.14159265358979323846 / 180;
-  const size_t rows = model->cameras < t->shared.data.frames[0] ? model->cameras : t->shared.data.frames[0];
-  if (t->poses == NULL) return ERN_OK;
+  const size_t rows = model->cameras < t->data.frames[0] ? model->cameras : t->data.frames[0];
   for (size_t i = 0; i < rows; i++) {
-    const float *pose = t->shared.views[i].pose;
-    float *row = t->poses->row + N * i, turned[16];
+    const float *pose = t->views[i].pose;
+    float *row = p->row + N * i, turned[16];
     memcpy(turned, pose, sizeof turned);
     for (int r = 0; r < 3; r++) turned[4 * r] = pose[4 * r + 3];
     ern_model_refine(model, i, turned); /* its last column has the model's move, its first the turn's */
@@ -200,17 +208,17 @@ ern_status ern_trainer_poses_take(ern_trainer *t, const ern_model *model) {
       row[3 + r] = (float)((double)turned[4 * r + 3] - (double)turned[4 * r]);
     }
   }
-  hold_mean(t);
-  return ern_trainer_poses_download(t);
+  hold_mean(p);
+  return ern_trainer_poses_download(p);
 }
 
 /* ---- a step ------------------------------------------------------------------------------------------------------ */
 
-static uint64_t first_step(const ern_trainer *t) { return ern_trainer_coarse_steps(t) / 10; }
+static uint64_t first_step(const struct ern_trainer_poses *p) { return ern_trainer_coarse_steps(p->fine) / 10; }
 
 /* Not in the fine stage: a patch shows too little of the head. */
-bool ern_trainer_poses_due(const ern_trainer *t) {
-  return t->poses != NULL && t->shared.step >= first_step(t) && !ern_trainer_is_fine(t);
+bool ern_trainer_poses_due(const struct ern_trainer_poses *p) {
+  return p != NULL && p->training->step >= first_step(p) && !ern_trainer_is_fine(p->fine);
 }
 
 /* r_k = bend + second difference of the rows: what the path bends by at a frame. */
@@ -230,14 +238,13 @@ static double size_of(float *mean_square, const double gradient[3]) {
   return sqrt((double)*mean_square);
 }
 
-void ern_trainer_poses_step(ern_trainer *t, size_t frame, const double *dpose) {
-  struct ern_trainer_poses *p = t->poses;
-  const uint64_t last = ern_trainer_coarse_steps(t);
-  const double left = (double)(last - first_step(t)),
-               s = last > t->shared.step ? (double)(last - t->shared.step) / left : 0;
-  const double fall = s * s, visits = left * t->shared.config.frames_per_step /
-                                      (double)(t->shared.config.data_end - t->shared.config.data_begin);
-  const double scale = (double)t->shared.data.scale;
+void ern_trainer_poses_step(struct ern_trainer_poses *p, size_t frame, const double *dpose) {
+  const struct ern_training *t = p->training;
+  const uint64_t last = ern_trainer_coarse_steps(p->fine);
+  const double left = (double)(last - first_step(p)), s = last > t->step ? (double)(last - t->step) / left : 0;
+  const double fall = s * s,
+               visits = left * t->config.frames_per_step / (double)(t->config.data_end - t->config.data_begin);
+  const double scale = (double)t->data.scale;
   const double rate[2] = {fall * fmin(3 * reach_turn / visits, most_turn),
                           fall * scale * fmin(3 * reach_move / visits, most_move)};
   const double size[2] = {size_of(&p->mean_square[0], dpose), size_of(&p->mean_square[1], dpose + 3)};
@@ -250,5 +257,5 @@ void ern_trainer_poses_step(ern_trainer *t, size_t frame, const double *dpose) {
     if (size[k / 3] > 0) by += rate[k / 3] * fmax(-3, fmin(3, gradient / size[k / 3]));
     p->row[N * frame + k] -= (float)by;
   }
-  hold_mean(t);
+  hold_mean(p);
 }

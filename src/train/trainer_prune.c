@@ -112,7 +112,7 @@ fail:
 
 static ern_status look_at_frame(ern_trainer *t, size_t k, size_t frame, struct samples *s, bool *needed) {
   const struct ern_arena_mark mark = ern_arena_mark(t->shared.stream);
-  const struct ern_view view = t->poses != NULL ? ern_trainer_poses_view(t, frame) : t->shared.views[frame];
+  const struct ern_view view = t->poses != NULL ? ern_trainer_poses_view(t->poses, frame) : t->shared.views[frame];
   ern_dataset_frame about;
   ern_span code;
   ern_status status = ERN_OK;
@@ -129,7 +129,7 @@ fail:
 }
 
 bool ern_trainer_prune_due(const ern_trainer *t) {
-  const bool last_part = (double)t->shared.step >= prune_from * (double)ern_trainer_coarse_steps(t);
+  const bool last_part = (double)t->shared.step >= prune_from * (double)ern_trainer_coarse_steps(&t->fine);
   return !t->shared.config.torso && t->shared.config.prune_share > 0 && t->shared.step > 0 && last_part;
 }
 

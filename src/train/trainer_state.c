@@ -28,7 +28,7 @@ ern_status ern_trainer_download(ern_trainer *t, ern_span from) {
   ERN_TRY(t->shared.backend->download_bytes(t->shared.stream, model->bits, t->bits, t->bits.count));
   if (model->field.config.torso)
     ERN_TRY(t->shared.backend->download_reals(t->shared.stream, model->torso_grid, t->torso_grid, t->torso_grid.count));
-  ERN_TRY(ern_trainer_poses_download(t));
+  ERN_TRY(ern_trainer_poses_download(t->poses));
   *(t->shared.config.torso ? &model->torso_steps : &model->head_steps) = t->shared.step;
 fail:
   return status;
@@ -413,7 +413,7 @@ ern_status ern_trainer_resume(ern_trainer *t, bool *resumed) {
   ERN_TRY(ern_state_about_check(t, best.path, &best.about, &best.model->view));
   ERN_TRY(take_state(t, &best.file, best.path, &best.about, best.model));
   ern_trainer_keep_consent(t, best.model);
-  t->fine_from = best.about.fine_from;
+  t->fine.from = best.about.fine_from;
   t->pruned = best.about.pruned;
   ERN_TRY(ern_run_folder_trim(t->shared.context, &t->run, t->shared.step));
   t->run.fresh = false;
@@ -507,7 +507,7 @@ ern_status ern_trainer_take_file(ern_trainer *t, const char *path) {
   ERN_TRY(ern_model_from_file(&c.model, t->shared.context, &c.file, path));
   ERN_TRY(check_config(t, c.model, path, false));
   const bool foreign = ern_trainer_is_foreign(t, c.model);
-  if (!foreign) ERN_TRY(ern_trainer_poses_take(t, c.model));
+  if (!foreign) ERN_TRY(ern_trainer_poses_take(t->poses, c.model));
   ern_trainer_keep_consent(t, c.model);
   if (c.model->cameras > 0 && (foreign || t->poses == NULL))
     ern_log(t->shared.context, ERN_LOG_WARNING, "%s: its pose corrections are %s", path,

@@ -86,7 +86,7 @@ static void test_row_of_huge_and_tiny_gradients(void **state) {
     const double dpose[ERN_POSE_PARAMETERS] = {sizes[s], 0, sizes[s], sizes[s], -sizes[s], 0};
     memcpy(before, row, sizeof before);
     memset(trainer->poses->bend, 0, ERN_POSE_PARAMETERS * FRAMES * sizeof(float)); /* the path does not bend */
-    ern_trainer_poses_step(trainer, 2, dpose);
+    ern_trainer_poses_step(trainer->poses, 2, dpose);
     for (int i = 0; i < ERN_POSE_PARAMETERS; i++) {
       assert_true(isfinite(row[i]));
       assert_true(fabs((double)row[i] - (double)before[i]) <=

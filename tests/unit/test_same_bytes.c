@@ -266,8 +266,8 @@ static void test_pose_mean(void **state) {
   float mean = 0;
   for (size_t i = 0; i < MANY; i++) mean += trainer->shared.views[i].pose[3] / MANY;
   for (size_t i = 0; i < MANY; i++) row[6 * i] = 0.01f + 0.2f * trainer->shared.views[i].pose[3];
-  ern_trainer_poses_step(trainer, 0, none); /* bends the path of frame 0 and of its neighbours */
-  support_ok(data.context, ern_trainer_poses_download(trainer));
+  ern_trainer_poses_step(trainer->poses, 0, none); /* bends the path of frame 0 and of its neighbours */
+  support_ok(data.context, ern_trainer_poses_download(trainer->poses));
   for (size_t i = 3; i < MANY - 3; i++) {
     const float expected = 0.2f * (trainer->shared.views[i].pose[3] - mean) / degree;
     double predicted[ERN_POSE_NUMBERS];
