@@ -41,9 +41,9 @@ ern_status ern_state_about_text(const ern_trainer *t, char **text) {
       json_pack("{s:o, s:b, s:s, s:s, s:f, s:o*, s:s, s:b}", "settings", settings_json(t), "torso_layer",
                 t->shared.data.has_torso, "features", t->shared.features, "fingerprint", t->shared.fingerprint,
                 "seconds_beside", t->shared.beside, "fine_from", fine ? json_integer((json_int_t)t->fine.from) : NULL,
-                "fine_loss", ern_trainer_fine_name(&t->shared), "pruned", t->pruned);
+                "fine_loss", ern_trainer_fine_name(&t->shared), "pruned", t->occupancy.pruned);
   json_t *root = json_pack("{s:b, s:I, s:I, s:f, s:o}", "torso", t->shared.config.torso, "step",
-                           (json_int_t)t->shared.step, "ema_updates", (json_int_t)t->ema_updates, "seconds",
+                           (json_int_t)t->shared.step, "ema_updates", (json_int_t)t->values.ema_updates, "seconds",
                            t->shared.seconds + t->shared.pending_seconds, "training", training);
   char *json = root != NULL ? json_dumps(root, JSON_COMPACT | JSON_REAL_PRECISION(17)) : NULL;
   json_decref(root);

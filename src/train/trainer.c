@@ -15,7 +15,6 @@
 #include "model/torso_ops.h"
 #include "render/picture_ops.h"
 #include "train/divergence.h"
-#include "train/optimizer_ops.h"
 #include "train/step.h"
 #include "train/step_ops.h"
 
@@ -64,15 +63,15 @@ static struct ern_step_patches patches_of(const ern_trainer *t, const struct ern
 }
 
 static ern_status head_step(ern_trainer *t, struct ern_batch *batch, struct ern_step_sum *sum) {
-  const struct ern_march_settings march = ern_trainer_march(t);
+  const struct ern_march_settings march = ern_trainer_march(&t->shared);
   const struct ern_view view =
       t->poses != NULL ? ern_trainer_poses_view(t->poses, batch->frame) : t->shared.views[batch->frame];
-  struct ern_head_step_args args = {.dparameters = t->gradient,
+  struct ern_head_step_args args = {.dparameters = t->values.gradient,
                                     .parameters = t->shared.parameters,
                                     .field = &t->shared.model->field,
                                     .view = &view,
                                     .settings = &march,
-                                    .bits = t->bits,
+                                    .bits = t->occupancy.bits,
                                     .pixel_number = batch->pixel_number,
                                     .jitter = batch->jitter,
                                     .truth = batch->truth,
@@ -80,7 +79,7 @@ static ern_status head_step(ern_trainer *t, struct ern_batch *batch, struct ern_
                                     .face = batch->face,
                                     .windows = batch->windows,
                                     .eye_value = batch->eye,
-                                    .individual = ern_trainer_code(t, batch->frame),
+                                    .individual = ern_trainer_code(&t->shared, batch->frame),
                                     .weights = {.s = (float)progress(t),
                                                 .uncertainty = 1,
                                                 .static_uncertainty = 1e-3f,
@@ -107,17 +106,17 @@ static ern_status head_step(ern_trainer *t, struct ern_batch *batch, struct ern_
 }
 
 static ern_status torso_step(ern_trainer *t, const struct ern_batch *batch, struct ern_step_sum *sum) {
-  struct ern_torso_step_args args = {.dparameters = t->gradient,
+  struct ern_torso_step_args args = {.dparameters = t->values.gradient,
                                      .parameters = t->shared.parameters,
                                      .field = &t->shared.model->field,
                                      .view = &t->shared.views[batch->frame],
-                                     .grid = t->torso_grid,
-                                     .threshold = (float)fmin(t->torso_mean, 0.01),
+                                     .grid = t->occupancy.torso_grid,
+                                     .threshold = (float)fmin(t->occupancy.torso_mean, 0.01),
                                      .shrink = t->shared.config.torso_shrink,
                                      .pixel_number = batch->pixel_number,
                                      .truth = batch->truth,
                                      .background = batch->background,
-                                     .individual = ern_trainer_code(t, batch->frame),
+                                     .individual = ern_trainer_code(&t->shared, batch->frame),
                                      .meanwhile = ern_trainer_draw_ahead,
                                      .user = t,
                                      .n = batch->rays};
@@ -146,12 +145,12 @@ static ern_status check_finite(ern_trainer *t, const struct ern_step_sum *sum) {
                       ": the gradient of the pose of training frame %zu is not finite; the parameters are "
                       "as before",
                       t->shared.step, ern_trainer_step_frame(t, i / ERN_POSE_PARAMETERS));
-  struct ern_finite_args all = {.values = t->gradient, .n = t->shared.model->field.parameters};
+  struct ern_finite_args all = {.values = t->values.gradient, .n = t->shared.model->field.parameters};
   ern_status status = t->shared.backend->finite(t->shared.stream, &all);
   if (status != ERN_OK || all.finite) return status;
   for (int r = 0; r < t->shared.model->table.rows; r++) {
     const struct ern_parameter *row = &t->shared.model->table.row[r];
-    struct ern_finite_args one = {.values = ern_span_part(t->gradient, row->at, row->count), .n = row->count};
+    struct ern_finite_args one = {.values = ern_span_part(t->values.gradient, row->at, row->count), .n = row->count};
     status = t->shared.backend->finite(t->shared.stream, &one);
     if (status != ERN_OK) return status;
     if (!one.finite)
@@ -162,56 +161,19 @@ static ern_status check_finite(ern_trainer *t, const struct ern_step_sum *sum) {
   return ERN_OK;
 }
 
-/* Weight decay of AdamW, by learning-rate group; it is 0 for the other networks. */
-static const float grid_decay = 1e-2f, audio_attention_decay = 1e-4f;
-static const float adamw_beta2 = 0.99f, adamw_eps = 1e-8f; /* beta1 is 0 */
-
-/* AdamW by learning-rate group (docs/maths.md, Update); rates fall as 0.5^s, in the fine stage as 0.05^s. */
-static struct ern_adamw_args update_of(const ern_trainer *t, const struct ern_parameter *row, float factor) {
-  float rate = t->shared.config.lr_net, decay = 0;
-  if (row->group == ERN_GROUP_GRID) rate = t->shared.config.lr, decay = grid_decay;
-  if (row->group == ERN_GROUP_AUDIO_ATT) rate = t->shared.config.lr_att, decay = audio_attention_decay;
-  return (struct ern_adamw_args){
-      .rate = rate * factor, .decay = decay, .beta2 = adamw_beta2, .eps = adamw_eps, .step = t->shared.step + 1};
-}
-
-/* Consecutive rows of one group are updated in one call, as most are short; the padding between them is zero and stays
- * zero. */
-static ern_status update(ern_trainer *t) {
-  const float factor = (float)pow(ern_trainer_is_fine(&t->fine) ? 0.05 : 0.5, progress(t));
-  const struct ern_parameter_table *table = &t->shared.model->table;
-  for (int r = 0; r < table->rows;) {
-    const struct ern_parameter *first = &table->row[r++];
-    size_t count = first->count;
-    if (first->torso != t->shared.config.torso) continue;
-    for (; r < table->rows && table->row[r].torso == first->torso && table->row[r].group == first->group; r++)
-      count = table->row[r].at + table->row[r].count - first->at;
-    struct ern_adamw_args args = update_of(t, first, factor);
-    args.parameters = ern_span_part(t->shared.parameters, first->at, count);
-    args.second_moment = ern_span_part(t->second_moment, first->at, count);
-    args.gradient = ern_span_part(t->gradient, first->at, count);
-    args.n = count;
-    const ern_status status = t->shared.backend->adamw(t->shared.stream, &args);
-    if (status != ERN_OK) return status;
-  }
-  return ERN_OK;
-}
-
-static ern_status average(ern_trainer *t) {
-  t->ema_updates++;
-  const double n = (double)t->ema_updates;
-  struct ern_ema_args args = {.average = t->average,
-                              .parameters = t->shared.parameters,
-                              .decay = (float)fmin(0.95, (1 + n) / (10 + n)),
-                              .n = t->shared.model->field.parameters};
-  return t->shared.backend->ema(t->shared.stream, &args);
+/* Refreshes or prunes the grid where that is due. */
+static ern_status occupancy(ern_trainer *t) {
+  struct ern_trainer_occupancy *o = &t->occupancy;
+  if (o->pruned) return ERN_OK;
+  if (ern_trainer_prune_due(&t->fine)) return ern_trainer_prune(o, t->poses);
+  return t->shared.step % ern_trainer_refresh_every(&t->shared) == 0 ? ern_trainer_refresh(o) : ERN_OK;
 }
 
 /* Gradient and results of the batches. */
 static ern_status sum_step(ern_trainer *t, struct ern_batch *batches, struct ern_step_sum *sum) {
   *sum = (struct ern_step_sum){.samples = 0};
   if (t->shared.config.step_parts > 1) return ern_trainer_parts_step(t, batches, sum);
-  ern_status status = t->shared.backend->zero(t->shared.stream, t->gradient);
+  ern_status status = t->shared.backend->zero(t->shared.stream, t->values.gradient);
   for (size_t k = 0; status == ERN_OK && k < ern_trainer_own_batches(&t->fine); k++)
     status = ern_trainer_batch_step(t, &batches[k], sum);
   return status;
@@ -245,16 +207,16 @@ static ern_status take_step(ern_trainer *t, ern_train_report *report) {
     ERN_TRY(ern_fail(t->shared.context, ERN_E_STATE, "train: all %" PRIu64 " steps are done", t->shared.config.iters));
   /* first, so that the state is that after the last step where a picture cannot be read */
   for (size_t k = 0; k < own; k++) ERN_TRY(ern_trainer_batch(t, ern_trainer_first_batch(&t->fine) + k, &batches[k]));
-  ERN_TRY(ern_trainer_occupancy(t));
+  ERN_TRY(occupancy(t));
   ERN_TRY(sum_step(t, batches, &sum));
   report->psnr = -10 * log10(fmax(sum.squared_error, 1e-10));
   report->samples_per_ray = sum.samples;
   ERN_TRY(check_finite(t, &sum));
-  ERN_TRY(update(t));
+  ERN_TRY(ern_trainer_update(&t->values, (float)pow(ern_trainer_is_fine(&t->fine) ? 0.05 : 0.5, progress(t))));
   for (size_t k = 0; ern_trainer_poses_due(t->poses) && k < frames; k++)
     ern_trainer_poses_step(t->poses, ern_trainer_step_frame(t, k), sum.dpose[k]);
   t->shared.step++;
-  if (t->shared.step % t->shared.config.ema_every == 0) ERN_TRY(average(t));
+  if (t->shared.step % t->shared.config.ema_every == 0) ERN_TRY(ern_trainer_average(&t->values));
   for (int i = 0; i < ERN_LOSS_TERMS; i++) report->loss += sum.terms[i];
   count_seconds(t, &sum, seconds_now() - began);
   ern_trainer_follow_time(t, t->shared.step);
@@ -448,7 +410,7 @@ ern_status ern_trainer_run_sized(ern_trainer *t, const ern_train_hooks *hooks, s
   }
   /* needed where a callback made the last steps */
   if (t->output != NULL && t->saved != t->shared.step) status = ern_trainer_save(t);
-  return status == ERN_OK ? ern_trainer_wait_for_first(t) : status;
+  return status == ERN_OK ? ern_trainer_wait_for_first(&t->shared) : status;
 }
 
 ern_status ern_trainer_model(ern_trainer *t, ern_model **model) {

@@ -4,11 +4,10 @@
 #define ERN_TRAIN_TRAINER_H
 
 #include "train/losses_ops.h"
-#include "train/trainer_data.h"
-#include "train/trainer_fine.h"
-#include "train/trainer_poses.h"
-#include "train/trainer_shared.h"
-#include "train/trainer_speech.h"
+#include "train/parts/trainer_data.h"
+#include "train/parts/trainer_processes.h"
+#include "train/parts/trainer_prune.h"
+#include "train/parts/trainer_values.h"
 
 /* Shares of a head's rays that are drawn in each region, and of its frames that are drawn among those with shut eyes,
  * found by experiment (docs/results.md). */
@@ -20,13 +19,7 @@
 #define ERN_DUBBED_SHARE 0.55f
 #define ERN_BLINK_SHARE 0.1f
 
-enum {
-  ERN_REFRESH_EVERY = 16,      /* steps between occupancy refreshes, as published */
-  ERN_REFRESH_WARM_UP = 256,   /* steps in which each refresh updates all cells */
-  ERN_SMOOTH_EVERY = 16,       /* steps between smoothness terms */
-  ERN_REFRESH_CHUNK = 1 << 18, /* cells that a refresh evaluates at once: limits the memory of their points */
-  ERN_LEAST_EMA_UPDATES = 10   /* updates before the average is used: until then its initial values dominate it */
-};
+enum { ERN_SMOOTH_EVERY = 16 /* steps between smoothness terms */ };
 
 #define ERN_TRAIN_MOST_RATE 1e3
 #define ERN_TRAIN_MOST_SECONDS 1e9
@@ -62,7 +55,6 @@ struct ern_trainer_parts {
   size_t begin, count; /* the values that this training changes are [begin, begin + count) of all */
   float *values;       /* [levels][count] */
   struct ern_step_sum *sums;
-  float *gathered; /* of an occupancy refresh: [ERN_REFRESH_CHUNK]; NULL without a communicator */
 };
 
 /* Training data of a step, or of a part of it: a frame and some of its rays, on the backend (scratch). */
@@ -80,17 +72,10 @@ struct ern_trainer {
   struct ern_training shared;
   char *output;
 
-  struct ern_buffer *reals, *bits_buffer, *cells_buffer;
-  ern_span gradient, second_moment, average; /* [field.parameters] */
-  ern_span grid, fresh, bits, cells;         /* occupancy of the head */
-  size_t cell_count;                         /* cells that a refresh evaluates */
-  bool pruned;                               /* `bits` are pruned, and no longer refreshed */
-  ern_span torso_grid;
-  double torso_mean;
-
+  struct ern_trainer_values values;
+  struct ern_trainer_occupancy occupancy;
   size_t *blinks, blink_count;     /* training frames with shut eyes; none: all frames are drawn alike */
   struct ern_trainer_poses *poses; /* NULL: poses are not refined */
-  uint64_t ema_updates;
   struct ern_trainer_fine fine;
   struct ern_run_folder run;
   uint64_t saved; /* step of this training's newest state in the run folder; 0: none */
@@ -111,11 +96,6 @@ struct ern_trainer {
     struct ern_buffer *pixels[2], *reals[2]; /* of two steps in turn; NULL: not needed yet */
   } drawn;                                   /* the batch that host_pixels and host_rows already hold */
 };
-
-static inline struct ern_march_settings ern_trainer_march(const ern_trainer *t) {
-  return (struct ern_march_settings){t->shared.config.bound, t->shared.config.max_steps, t->shared.config.dt_gamma,
-                                     ERN_NEAR_PLANE};
-}
 
 /* trainer_make.c */
 /* Sets t->shared.bf16, whether products are in bf16. `path`: the origin of the request, for messages. */
@@ -150,16 +130,9 @@ void ern_trainer_parts_free(ern_trainer *t);
 ERN_NODISCARD ern_status ern_trainer_parts_step(ern_trainer *t, struct ern_batch *batches, struct ern_step_sum *sum);
 
 /* trainer_distributed.c */
-/* Gathers `count` values on the backend: before, this process has the range that ern_communicator.gather defines;
- * afterwards all. */
-ERN_NODISCARD ern_status ern_trainer_gather(ern_trainer *t, ern_span values, size_t count);
 /* Copies the state of rank 0 to all processes, after checking that they have the same settings and data. Waits for
  * all. */
 ERN_NODISCARD ern_status ern_trainer_share_state(ern_trainer *t);
-/* Returns after rank 0 has called it. */
-ERN_NODISCARD ern_status ern_trainer_wait_for_first(ern_trainer *t);
-ERN_NODISCARD ern_status ern_trainer_sum(ern_trainer *t, float *values, size_t count, struct ern_step_sum *sum);
-
 /* trainer_batch.c */
 /* Batch k of ern_trainer_step_batches. */
 ERN_NODISCARD ern_status ern_trainer_batch(ern_trainer *t, size_t k, struct ern_batch *batch);
@@ -168,27 +141,7 @@ ERN_NODISCARD ern_status ern_trainer_batch(ern_trainer *t, size_t k, struct ern_
 void ern_trainer_draw_ahead(void *trainer);
 /* Frame k of ern_trainer_step_frames. */
 size_t ern_trainer_step_frame(const ern_trainer *t, size_t k);
-/* Row of the individual codes of a training frame. */
-static inline size_t ern_trainer_code(const ern_trainer *t, size_t frame) {
-  return t->shared.model->field.config.codes > 0 ? frame : 0;
-}
-
-/* trainer_refresh.c */
-ERN_NODISCARD ern_status ern_trainer_mark(ern_trainer *t); /* new training: marks cells that no camera sees */
-ERN_NODISCARD ern_status ern_trainer_list(ern_trainer *t); /* lists all cells to evaluate */
-uint64_t ern_trainer_refresh_every(const ern_trainer *t);  /* steps between refreshes, at the next step */
-ERN_NODISCARD ern_status ern_trainer_refresh(ern_trainer *t);
-/* Before a step: refreshes or prunes the grid where that is due. */
-ERN_NODISCARD ern_status ern_trainer_occupancy(ern_trainer *t);
-
-/* trainer_prune.c */
-/* Whether the next step is one of the last part of a head's training, in which the occupancy grid stays pruned. */
-bool ern_trainer_prune_due(const ern_trainer *t);
-/* Clears the bits in t->bits of cells that contribute less than config.prune_share. */
-ERN_NODISCARD ern_status ern_trainer_prune(ern_trainer *t);
-
 /* trainer_state.c */
-bool ern_trainer_is_averaged(const ern_trainer *t); /* whether a save writes the moving average */
 ERN_NODISCARD ern_status ern_trainer_download(ern_trainer *t,
                                               ern_span from); /* values and occupancy into t->shared.model */
 ERN_NODISCARD ern_status ern_trainer_resume(ern_trainer *t, bool *resumed);

@@ -42,14 +42,14 @@ ern_status ern_trainer_check(ern_trainer *t) {
   ERN_NEED(NULL, t);
   ern_status status = ERN_OK;
   ERN_TRY(check_rows(t, t->shared.parameters, "value"));
-  ERN_TRY(check_rows(t, t->gradient, "gradient"));
-  ERN_TRY(check_rows(t, t->second_moment, "optimizer's second moment"));
-  ERN_TRY(check_rows(t, t->average, "moving average"));
-  ERN_TRY(check_grid(t, t->grid, "density of the occupancy grid"));
-  if (t->shared.config.torso) ERN_TRY(check_grid(t, t->torso_grid, "opacity of the torso's grid"));
-  if (!isfinite(t->torso_mean))
+  ERN_TRY(check_rows(t, t->values.gradient, "gradient"));
+  ERN_TRY(check_rows(t, t->values.second_moment, "optimizer's second moment"));
+  ERN_TRY(check_rows(t, t->values.average, "moving average"));
+  ERN_TRY(check_grid(t, t->occupancy.grid, "density of the occupancy grid"));
+  if (t->shared.config.torso) ERN_TRY(check_grid(t, t->occupancy.torso_grid, "opacity of the torso's grid"));
+  if (!isfinite(t->occupancy.torso_mean))
     ERN_TRY(ern_fail(t->shared.context, ERN_E_NONFINITE, "after step %" PRIu64 ": the torso's mean opacity is %g",
-                     t->shared.step, t->torso_mean));
+                     t->shared.step, t->occupancy.torso_mean));
 fail:
   return status;
 }

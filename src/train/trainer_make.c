@@ -298,29 +298,6 @@ ern_status ern_trainer_choose_precision(ern_trainer *t, const char *path, ern_pr
 
 /* ---- memory ------------------------------------------------------------------------------------------------------ */
 
-static ern_status take_device(ern_trainer *t) {
-  const size_t n = (t->shared.model->field.parameters + 63) / 64 * 64, cells = ERN_OCCUPANCY_CELLS;
-  const bool head = !t->shared.config.torso;
-  size_t at = 0;
-  ern_status status = ERN_OK;
-  ERN_TRY(t->shared.backend->buffer_make(t->shared.backend, ERN_ELEMENT_REAL,
-                                         4 * n + (head ? 2 * cells : 0) + ERN_TORSO_CELLS, &t->reals));
-  ern_span *const blocks[] = {&t->shared.parameters, &t->gradient, &t->second_moment, &t->average};
-  for (size_t i = 0; i < 4; i++, at += n) *blocks[i] = (ern_span){t->reals, at, t->shared.model->field.parameters};
-  t->torso_grid = (ern_span){t->reals, at, ERN_TORSO_CELLS};
-  at += ERN_TORSO_CELLS;
-  ERN_TRY(t->shared.backend->buffer_make(t->shared.backend, ERN_ELEMENT_BYTE, ERN_OCCUPANCY_BYTES, &t->bits_buffer));
-  t->bits = (ern_span){t->bits_buffer, 0, ERN_OCCUPANCY_BYTES};
-  if (head) {
-    t->grid = (ern_span){t->reals, at, cells};
-    t->fresh = (ern_span){t->reals, at + cells, cells};
-    ERN_TRY(t->shared.backend->buffer_make(t->shared.backend, ERN_ELEMENT_INT32, cells, &t->cells_buffer));
-    t->cells = (ern_span){t->cells_buffer, 0, cells};
-  }
-fail:
-  return status;
-}
-
 /* Only a few in a hundred frames have shut eyes: too few of them would be drawn in a short training. */
 static ern_status find_blinks(ern_trainer *t) {
   const size_t frames = t->shared.config.data_end - t->shared.config.data_begin;
@@ -365,9 +342,10 @@ static ern_status take_rays(ern_trainer *t) {
 static ern_status check_average(const ern_trainer *t) {
   const ern_train_config *c = &t->shared.config;
   const uint64_t every = c->ema_every, least = ERN_LEAST_EMA_UPDATES, done = t->shared.step / every,
-                 updates = t->ema_updates + (c->iters > t->shared.step ? c->iters / every - done : 0);
+                 updates = t->values.ema_updates + (c->iters > t->shared.step ? c->iters / every - done : 0);
   if (!c->ema || t->output == NULL || c->seconds > 0 || updates >= least) return ERN_OK;
-  const uint64_t missing = least - t->ema_updates, left = c->iters > t->shared.step ? c->iters - t->shared.step : 0;
+  const uint64_t missing = least - t->values.ema_updates,
+                 left = c->iters > t->shared.step ? c->iters - t->shared.step : 0;
   char shorter[64] = "";
   if (left >= missing)
     snprintf(shorter, sizeof shorter, "at most %" PRIu64 " steps between updates or ", left / missing);
@@ -423,11 +401,12 @@ static ern_status fill(ern_trainer *t) {
   bool resumed = false;
   ern_status status = ERN_OK;
   ERN_TRY(t->shared.backend->upload_reals(t->shared.stream, t->shared.parameters, t->shared.model->block, n));
-  ERN_TRY(t->shared.backend->copy(t->shared.stream, t->average, t->shared.parameters, n));
-  ERN_TRY(t->shared.backend->upload_bytes(t->shared.stream, t->bits, t->shared.model->bits, ERN_OCCUPANCY_BYTES));
+  ERN_TRY(t->shared.backend->copy(t->shared.stream, t->values.average, t->shared.parameters, n));
+  ERN_TRY(
+      t->shared.backend->upload_bytes(t->shared.stream, t->occupancy.bits, t->shared.model->bits, ERN_OCCUPANCY_BYTES));
   if (!t->shared.config.torso) {
-    ERN_TRY(ern_trainer_mark(t));
-    ERN_TRY(ern_trainer_list(t));
+    ERN_TRY(ern_trainer_mark(&t->occupancy));
+    ERN_TRY(ern_trainer_list(&t->occupancy));
   }
   if (t->shared.config.resume && t->output != NULL) {
     ERN_TRY(ern_trainer_resume(t, &resumed));
@@ -486,7 +465,8 @@ ern_status ern_trainer_create_sized(ern_trainer **trainer, ern_backend *backend,
   ERN_TRY(make_model(t));
   ERN_TRY(ern_trainer_choose_precision(t, "train", chosen.precision));
   ERN_TRY(backend->stream_make(backend, chosen.threads, &t->shared.stream));
-  ERN_TRY(take_device(t));
+  ERN_TRY(ern_trainer_values_make(&t->values, &t->shared));
+  ERN_TRY(ern_trainer_occupancy_make(&t->occupancy, &t->shared, &t->speech));
   ERN_TRY(take_host(t));
   ERN_TRY(check_range(context, "scale", (double)t->shared.data.scale, ERN_LEAST_SCALE, ERN_MOST_SCALE));
   if (chosen.output != NULL) {
@@ -504,7 +484,8 @@ ern_status ern_trainer_create_sized(ern_trainer **trainer, ern_backend *backend,
   ERN_TRY(ern_trainer_share_state(t));
   ERN_TRY(ern_trainer_fine_begin(&t->fine));
   ERN_TRY(take_rays(t));
-  t->pruned = t->pruned && ern_trainer_prune_due(t); /* a training that is resumed for longer refreshes again */
+  t->occupancy.pruned = t->occupancy.pruned &&
+                        ern_trainer_prune_due(&t->fine); /* a training that is resumed for longer refreshes again */
   ERN_TRY(check_average(t));
   t->shared.config.output = t->output;
   t->shared.config.from = t->shared.config.torso_output =
@@ -523,10 +504,9 @@ void ern_trainer_free(ern_trainer **trainer) {
   *trainer = NULL;
   ern_run_folder_close(t->shared.context, &t->run);
   ern_run_folder_close(t->shared.context, &t->torso_run);
-  t->shared.backend->buffer_free(t->shared.backend, t->reals);
-  t->shared.backend->buffer_free(t->shared.backend, t->bits_buffer);
+  t->shared.backend->buffer_free(t->shared.backend, t->values.reals);
+  ern_trainer_occupancy_free(&t->occupancy, t->shared.backend);
   t->shared.backend->buffer_free(t->shared.backend, t->fine.filter);
-  t->shared.backend->buffer_free(t->shared.backend, t->cells_buffer);
   for (int i = 0; i < 2; i++) {
     t->shared.backend->buffer_free(t->shared.backend, t->drawn.pixels[i]);
     t->shared.backend->buffer_free(t->shared.backend, t->drawn.reals[i]);

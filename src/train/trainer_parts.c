@@ -56,8 +56,6 @@ ern_status ern_trainer_parts_make(ern_trainer *t) {
   find_values(t);
   ERN_TRY(ERN_NEW(t->shared.context, levels * parts->count, &parts->values));
   ERN_TRY(ERN_NEW(t->shared.context, levels, &parts->sums));
-  if (t->shared.communicator.size > 1 && !t->shared.config.torso)
-    ERN_TRY(ERN_NEW(t->shared.context, ERN_REFRESH_CHUNK, &parts->gathered));
 fail:
   return status;
 }
@@ -65,7 +63,6 @@ fail:
 void ern_trainer_parts_free(ern_trainer *t) {
   ern_release(t->shared.context, t->parts.values);
   ern_release(t->shared.context, t->parts.sums);
-  ern_release(t->shared.context, t->parts.gathered);
   t->parts = (struct ern_trainer_parts){0};
 }
 
@@ -88,10 +85,11 @@ static ern_status part_step(ern_trainer *t, struct ern_batch *batches, size_t co
   struct ern_trainer_parts *parts = &t->parts;
   ern_status status = ERN_OK;
   parts->sums[height] = (struct ern_step_sum){.samples = 0};
-  ERN_TRY(t->shared.backend->zero(t->shared.stream, t->gradient));
+  ERN_TRY(t->shared.backend->zero(t->shared.stream, t->values.gradient));
   for (size_t k = 0; k < count; k++) ERN_TRY(ern_trainer_batch_step(t, &batches[k], &parts->sums[height]));
   ERN_TRY(t->shared.backend->download_reals(t->shared.stream, parts->values + height * parts->count,
-                                            ern_span_part(t->gradient, parts->begin, parts->count), parts->count));
+                                            ern_span_part(t->values.gradient, parts->begin, parts->count),
+                                            parts->count));
 fail:
   return status;
 }
@@ -111,15 +109,16 @@ ern_status ern_trainer_parts_step(ern_trainer *t, struct ern_batch *batches, str
     parts->sums[0].seconds = t->shared.seconds + t->shared.pending_seconds;
     parts->sums[0].beside = t->shared.beside;
   }
-  ERN_TRY(ern_trainer_sum(t, parts->values, parts->count, &parts->sums[0]));
+  ERN_TRY(ern_trainer_sum(&t->shared, parts->values, parts->count, (double *)&parts->sums[0],
+                          sizeof parts->sums[0] / sizeof(double)));
   *sum = parts->sums[0];
   /* a batch's gradient is that of the mean over its own rays; a power of 2, so exact */
   const float share = (float)frames / (float)all;
   for (size_t i = 0; i < parts->count && share != 1; i++) parts->values[i] *= share;
   for (size_t i = 0; i < frames * ERN_POSE_PARAMETERS; i++)
     sum->dpose[i / ERN_POSE_PARAMETERS][i % ERN_POSE_PARAMETERS] *= (double)share;
-  ERN_TRY(t->shared.backend->upload_reals(t->shared.stream, ern_span_part(t->gradient, parts->begin, parts->count),
-                                          parts->values, parts->count));
+  ERN_TRY(t->shared.backend->upload_reals(
+      t->shared.stream, ern_span_part(t->values.gradient, parts->begin, parts->count), parts->values, parts->count));
 fail:
   return status;
 }

@@ -17,17 +17,14 @@
 #include "model/kinds.h"
 #include "train/state_about.h"
 
-bool ern_trainer_is_averaged(const ern_trainer *t) {
-  return t->shared.config.ema && t->ema_updates >= ERN_LEAST_EMA_UPDATES;
-}
-
 ern_status ern_trainer_download(ern_trainer *t, ern_span from) {
   ern_model *model = t->shared.model;
   ern_status status = ERN_OK;
   ERN_TRY(t->shared.backend->download_reals(t->shared.stream, model->block, from, model->field.parameters));
-  ERN_TRY(t->shared.backend->download_bytes(t->shared.stream, model->bits, t->bits, t->bits.count));
+  ERN_TRY(t->shared.backend->download_bytes(t->shared.stream, model->bits, t->occupancy.bits, t->occupancy.bits.count));
   if (model->field.config.torso)
-    ERN_TRY(t->shared.backend->download_reals(t->shared.stream, model->torso_grid, t->torso_grid, t->torso_grid.count));
+    ERN_TRY(t->shared.backend->download_reals(t->shared.stream, model->torso_grid, t->occupancy.torso_grid,
+                                              t->occupancy.torso_grid.count));
   ERN_TRY(ern_trainer_poses_download(t->poses));
   *(t->shared.config.torso ? &model->torso_steps : &model->head_steps) = t->shared.step;
 fail:
@@ -81,12 +78,12 @@ static ern_status read_state(ern_trainer *t, struct state_tensors *s) {
   const size_t n = t->shared.model->field.parameters;
   ern_status status = ERN_OK;
   ERN_TRY(ERN_NEW(t->shared.context, n, &s->second_moment));
-  ERN_TRY(t->shared.backend->download_reals(t->shared.stream, s->second_moment, t->second_moment, n));
+  ERN_TRY(t->shared.backend->download_reals(t->shared.stream, s->second_moment, t->values.second_moment, n));
   ERN_TRY(ERN_NEW(t->shared.context, n, &s->average));
-  ERN_TRY(t->shared.backend->download_reals(t->shared.stream, s->average, t->average, n));
+  ERN_TRY(t->shared.backend->download_reals(t->shared.stream, s->average, t->values.average, n));
   if (!t->shared.config.torso) {
     ERN_TRY(ERN_NEW(t->shared.context, ERN_OCCUPANCY_CELLS, &s->grid));
-    ERN_TRY(t->shared.backend->download_reals(t->shared.stream, s->grid, t->grid, ERN_OCCUPANCY_CELLS));
+    ERN_TRY(t->shared.backend->download_reals(t->shared.stream, s->grid, t->occupancy.grid, ERN_OCCUPANCY_CELLS));
   }
   ern_model_tensors(t->shared.model, &s->model);
   memcpy(s->tensor, s->model.tensor, s->model.count * sizeof s->tensor[0]);
@@ -192,13 +189,14 @@ ern_status ern_trainer_save(ern_trainer *t) {
   ERN_TRY(ern_run_folder_check_held(t->shared.context, &t->run));
   ERN_TRY(ern_trainer_download(t, t->shared.parameters));
   ERN_TRY(write_state(t));
-  if (ern_trainer_is_averaged(t))
-    ERN_TRY(ern_trainer_download(t, t->average));
+  if (ern_trainer_is_averaged(&t->values))
+    ERN_TRY(ern_trainer_download(t, t->values.average));
   else if (t->shared.config.ema)
     ern_log(t->shared.context, ERN_LOG_INFO,
             "%s: step %llu: the weights as they are, not their average: the average has seen %llu updates of the %d it "
             "needs",
-            t->output, (unsigned long long)t->shared.step, (unsigned long long)t->ema_updates, ERN_LEAST_EMA_UPDATES);
+            t->output, (unsigned long long)t->shared.step, (unsigned long long)t->values.ema_updates,
+            ERN_LEAST_EMA_UPDATES);
   ERN_TRY(ern_model_write(t->shared.model, t->output, t->run.keep ? ERN_EXISTING_KEEP : ERN_EXISTING_REPLACE));
   t->run.keep = false;
 fail:
@@ -281,12 +279,13 @@ static ern_status upload_model(ern_trainer *t, const ern_model *model) {
   ern_status status = ERN_OK;
   ERN_TRY(
       t->shared.backend->upload_reals(t->shared.stream, t->shared.parameters, model->block, model->field.parameters));
-  ERN_TRY(t->shared.backend->upload_bytes(t->shared.stream, t->bits, model->bits, t->bits.count));
+  ERN_TRY(t->shared.backend->upload_bytes(t->shared.stream, t->occupancy.bits, model->bits, t->occupancy.bits.count));
   if (model->field.config.torso) {
     double sum = 0;
-    for (size_t i = 0; i < t->torso_grid.count; i++) sum += (double)model->torso_grid[i];
-    t->torso_mean = sum / (double)t->torso_grid.count;
-    ERN_TRY(t->shared.backend->upload_reals(t->shared.stream, t->torso_grid, model->torso_grid, t->torso_grid.count));
+    for (size_t i = 0; i < t->occupancy.torso_grid.count; i++) sum += (double)model->torso_grid[i];
+    t->occupancy.torso_mean = sum / (double)t->occupancy.torso_grid.count;
+    ERN_TRY(t->shared.backend->upload_reals(t->shared.stream, t->occupancy.torso_grid, model->torso_grid,
+                                            t->occupancy.torso_grid.count));
   }
   t->shared.model->head_steps = model->head_steps;
   t->shared.model->torso_steps = model->torso_steps;
@@ -299,15 +298,15 @@ static ern_status take_state(ern_trainer *t, const struct ern_tensor_file *file,
   float *grid = NULL;
   ern_status status = ERN_OK;
   ERN_TRY(upload_model(t, model));
-  ERN_TRY(take_rows(t, file, path, "state.moment.", NULL, t->second_moment));
-  ERN_TRY(take_rows(t, file, path, "state.average.", model->block, t->average));
+  ERN_TRY(take_rows(t, file, path, "state.moment.", NULL, t->values.second_moment));
+  ERN_TRY(take_rows(t, file, path, "state.average.", model->block, t->values.average));
   if (!t->shared.config.torso) {
     ERN_TRY(ERN_NEW(t->shared.context, ERN_OCCUPANCY_CELLS, &grid));
     const bool own = ern_tensor_file_find(file, "state.density_grid") != NULL;
     ERN_TRY(ern_tensor_take(t->shared.context, file, path, own ? "state.density_grid" : "density_grid", own ? 1 : 2,
                             own ? (size_t[]){ERN_OCCUPANCY_CELLS} : (size_t[]){1, ERN_OCCUPANCY_CELLS}, grid));
-    ERN_TRY(t->shared.backend->upload_reals(t->shared.stream, t->grid, grid, ERN_OCCUPANCY_CELLS));
-    ERN_TRY(ern_trainer_list(t));
+    ERN_TRY(t->shared.backend->upload_reals(t->shared.stream, t->occupancy.grid, grid, ERN_OCCUPANCY_CELLS));
+    ERN_TRY(ern_trainer_list(&t->occupancy));
   }
   if (t->poses != NULL && !ern_trainer_is_foreign(t, model) && ern_tensor_file_find(file, "state.camera") != NULL) {
     const size_t shape[2] = {t->shared.data.frames[0], ERN_POSE_PARAMETERS}, two = 2;
@@ -315,7 +314,7 @@ static ern_status take_state(ern_trainer *t, const struct ern_tensor_file *file,
     ERN_TRY(ern_tensor_take(t->shared.context, file, path, "state.camera_moment", 1, &two, t->poses->mean_square));
   }
   t->shared.step = about->step;
-  t->ema_updates = about->ema_updates;
+  t->values.ema_updates = about->ema_updates;
   t->shared.seconds = about->seconds;
   t->shared.beside = about->beside;
   if (!about->said)
@@ -414,7 +413,7 @@ ern_status ern_trainer_resume(ern_trainer *t, bool *resumed) {
   ERN_TRY(take_state(t, &best.file, best.path, &best.about, best.model));
   ern_trainer_keep_consent(t, best.model);
   t->fine.from = best.about.fine_from;
-  t->pruned = best.about.pruned;
+  t->occupancy.pruned = best.about.pruned;
   ERN_TRY(ern_run_folder_trim(t->shared.context, &t->run, t->shared.step));
   t->run.fresh = false;
   t->run.damaged = best.path == t->run.previous && access(t->run.state, F_OK) == 0;
@@ -525,8 +524,8 @@ ern_status ern_trainer_take_file(ern_trainer *t, const char *path) {
     ERN_TRY(take_state(t, &c.file, path, &c.about, c.model));
   } else {
     ERN_TRY(upload_model(t, c.model));
-    ERN_TRY(
-        t->shared.backend->copy(t->shared.stream, t->average, t->shared.parameters, t->shared.model->field.parameters));
+    ERN_TRY(t->shared.backend->copy(t->shared.stream, t->values.average, t->shared.parameters,
+                                    t->shared.model->field.parameters));
     *(t->shared.config.torso ? &t->shared.model->torso_steps : &t->shared.model->head_steps) = 0;
   }
   if (t->shared.config.seconds > 0 && t->shared.seconds + t->shared.beside >= t->shared.config.seconds)

@@ -120,7 +120,7 @@ ern_status ern_trainer_validate(ern_trainer *t, const ern_train_hooks *hooks, do
   ern_status status = ERN_OK;
   char name[40], before[ERN_ERROR_BYTES];
   *psnr = 0;
-  ERN_TRY(ern_trainer_download(t, ern_trainer_is_averaged(t) ? t->average : t->shared.parameters));
+  ERN_TRY(ern_trainer_download(t, ern_trainer_is_averaged(&t->values) ? t->values.average : t->shared.parameters));
   ern_arena_trim(t->shared.stream); /* a renderer needs memory too; the download has waited for all that ran */
   ERN_TRY(look_make(t, &look));
   for (size_t k = 0; k < count; k++) {

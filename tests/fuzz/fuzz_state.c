@@ -29,7 +29,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t count) {
     FUZZ_REQUIRE(!resumed);
     return 0;
   }
-  FUZZ_REQUIRE(resumed && trainer->shared.step <= (uint64_t)1 << 53 && trainer->ema_updates <= (uint64_t)1 << 53);
+  FUZZ_REQUIRE(resumed && trainer->shared.step <= (uint64_t)1 << 53 &&
+               trainer->values.ema_updates <= (uint64_t)1 << 53);
   FUZZ_REQUIRE(isfinite(trainer->shared.seconds) && trainer->shared.seconds >= 0);
   return 0;
 }

@@ -88,13 +88,14 @@ static void test_to_a_longer_clip(void **state) {
   ern_trainer_describe(longer, &report);
   assert_int_equal(report.step, 12);
   expect_rows(longer, longer->shared.parameters, same, same->shared.parameters, "individual_codes", 0, KEPT);
-  expect_rows(longer, longer->second_moment, same, same->second_moment, "individual_codes", 0, KEPT);
-  expect_rows(longer, longer->average, same, same->average, "individual_codes", 0, KEPT);
+  expect_rows(longer, longer->values.second_moment, same, same->values.second_moment, "individual_codes", 0, KEPT);
+  expect_rows(longer, longer->values.average, same, same->values.average, "individual_codes", 0, KEPT);
   expect_rows(longer, longer->shared.parameters, same, same->shared.parameters, "color_net.net.0.weight", 0, 8);
   expect_rows(longer, longer->shared.parameters, fresh, fresh->shared.parameters, "individual_codes", KEPT,
               ERN_CODE_WIDTH);
-  expect_rows(longer, longer->average, fresh, fresh->shared.parameters, "individual_codes", KEPT, ERN_CODE_WIDTH);
-  float *moment = values_of(longer, longer->second_moment, "individual_codes", &count);
+  expect_rows(longer, longer->values.average, fresh, fresh->shared.parameters, "individual_codes", KEPT,
+              ERN_CODE_WIDTH);
+  float *moment = values_of(longer, longer->values.second_moment, "individual_codes", &count);
   assert_int_equal(count, FRAMES * ERN_CODE_WIDTH);
   for (size_t i = KEPT; i < count; i++) assert_true(moment[i] == 0);
   free(moment);
@@ -115,7 +116,7 @@ static void test_to_a_shorter_clip(void **state) {
   if (strstr(told, "3 individual codes for the 2 of this training: the first 2 are kept") == NULL)
     fail_msg("the log says \"%s\"", told);
   expect_rows(shorter, shorter->shared.parameters, same, same->shared.parameters, "individual_codes", 0, KEPT);
-  expect_rows(shorter, shorter->second_moment, same, same->second_moment, "individual_codes", 0, KEPT);
+  expect_rows(shorter, shorter->values.second_moment, same, same->values.second_moment, "individual_codes", 0, KEPT);
   free(values_of(shorter, shorter->shared.parameters, "individual_codes", &count));
   assert_int_equal(count, KEPT);
   support_ok(made.context, ern_trainer_run(shorter, NULL));
@@ -148,7 +149,7 @@ static void test_torso_to_a_longer_clip(void **state) {
   made.data.frames[0] = FRAMES;
   expect_rows(longer, longer->shared.parameters, same, same->shared.parameters, "individual_codes_torso", 0,
               3 * ERN_TORSO_CODE_WIDTH);
-  expect_rows(longer, longer->second_moment, same, same->second_moment, "individual_codes_torso", 0,
+  expect_rows(longer, longer->values.second_moment, same, same->values.second_moment, "individual_codes_torso", 0,
               3 * ERN_TORSO_CODE_WIDTH);
   expect_rows(longer, longer->shared.parameters, fresh, fresh->shared.parameters, "individual_codes_torso",
               3 * ERN_TORSO_CODE_WIDTH, ERN_TORSO_CODE_WIDTH);

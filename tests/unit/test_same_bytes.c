@@ -14,13 +14,13 @@ static struct made data;
 /* Leaves one of so many cells, evenly, in the list of those that a refresh looks at. */
 static void thin_out(ern_trainer *trainer) {
   const struct ern_backend *backend = trainer->shared.backend;
-  const size_t count = trainer->cell_count, left = count / SPARSER;
+  const size_t count = trainer->occupancy.cell_count, left = count / SPARSER;
   int32_t *cells = malloc(count * sizeof *cells);
   assert_non_null(cells);
-  support_ok(data.context, backend->download_int32(trainer->shared.stream, cells, trainer->cells, count));
+  support_ok(data.context, backend->download_int32(trainer->shared.stream, cells, trainer->occupancy.cells, count));
   for (size_t i = 0; i < left; i++) cells[i] = cells[SPARSER * i];
-  support_ok(data.context, backend->upload_int32(trainer->shared.stream, trainer->cells, cells, left));
-  trainer->cell_count = left;
+  support_ok(data.context, backend->upload_int32(trainer->shared.stream, trainer->occupancy.cells, cells, left));
+  trainer->occupancy.cell_count = left;
   free(cells);
 }
 
@@ -38,7 +38,7 @@ static char *train_kind(ern_backbone backbone, int threads, uint64_t seed, size_
   support_ok(data.context, ern_trainer_create(&trainer, data.backend, &data.data, &config));
   thin_out(trainer);
   for (int step = 0; step < STEPS; step++) support_ok(data.context, ern_trainer_step(trainer, &report));
-  assert_true(isfinite(report.loss) && report.loss > 0 && trainer->cell_count > 100);
+  assert_true(isfinite(report.loss) && report.loss > 0 && trainer->occupancy.cell_count > 100);
   support_ok(data.context, ern_trainer_model(trainer, &model));
   support_ok(data.context, ern_model_save(model, "kind.safetensors"));
   ern_model_free(&model);
@@ -101,9 +101,9 @@ static void test_interval(void **state) {
     trainer->shared.config.refresh_every = cases[i].asked;
     trainer->shared.config.rays = cases[i].rays;
     trainer->shared.step = ERN_REFRESH_WARM_UP - 1;
-    assert_int_equal(ern_trainer_refresh_every(trainer), cases[i].first);
+    assert_int_equal(ern_trainer_refresh_every(&trainer->shared), cases[i].first);
     trainer->shared.step = ERN_REFRESH_WARM_UP;
-    assert_int_equal(ern_trainer_refresh_every(trainer), cases[i].later);
+    assert_int_equal(ern_trainer_refresh_every(&trainer->shared), cases[i].later);
   }
   trainer->shared.config.rays = 1;
   ern_trainer_free(&trainer);
@@ -119,22 +119,23 @@ static void test_turns(void **state) {
   config.rays = 64;
   ern_trainer *trainer = make(&config);
   const struct ern_backend *backend = trainer->shared.backend;
-  const size_t all = trainer->cell_count;
-  support_ok(data.context, backend->download_int32(trainer->shared.stream, cells, trainer->cells, all));
+  const size_t all = trainer->occupancy.cell_count;
+  support_ok(data.context, backend->download_int32(trainer->shared.stream, cells, trainer->occupancy.cells, all));
   for (size_t i = 0; i < all; i++) seen[cells[i] / ERN_OCCUPANCY_BLOCK] = 20; /* may be looked at */
   const int32_t near = cells[all / 2] / ERN_OCCUPANCY_BLOCK;
   take_steps(trainer, 1);
-  assert_int_equal(trainer->cell_count, all);
+  assert_int_equal(trainer->occupancy.cell_count, all);
   bits[ERN_OCCUPANCY_BLOCK / 8 * near + 3] = 4;
   for (uint64_t turn = 0; turn < 16; turn++) {
     trainer->shared.step = LATE + 128 * turn;
-    support_ok(data.context, backend->upload_bytes(trainer->shared.stream, trainer->bits, bits, ERN_OCCUPANCY_BYTES));
-    take_steps(trainer, 1);
-    assert_in_range(trainer->cell_count, 1, all / 8);
     support_ok(data.context,
-               backend->download_int32(trainer->shared.stream, cells, trainer->cells, trainer->cell_count));
+               backend->upload_bytes(trainer->shared.stream, trainer->occupancy.bits, bits, ERN_OCCUPANCY_BYTES));
+    take_steps(trainer, 1);
+    assert_in_range(trainer->occupancy.cell_count, 1, all / 8);
+    support_ok(data.context, backend->download_int32(trainer->shared.stream, cells, trainer->occupancy.cells,
+                                                     trainer->occupancy.cell_count));
     int32_t before = -1;
-    for (size_t i = 0; i < trainer->cell_count; i++) {
+    for (size_t i = 0; i < trainer->occupancy.cell_count; i++) {
       const int32_t block = cells[i] / ERN_OCCUPANCY_BLOCK;
       if (block != before) seen[block]++;
       before = block;
@@ -156,7 +157,7 @@ static void train_late(int threads, bool resumed, float *grid, float *values) {
   take_steps(trainer, 1);
   trainer->shared.step = LATE;
   take_steps(trainer, 2);
-  const size_t first = trainer->cell_count;
+  const size_t first = trainer->occupancy.cell_count;
   if (resumed) {
     support_ok(data.context, ern_trainer_save(trainer));
     ern_trainer_free(&trainer);
@@ -166,9 +167,10 @@ static void train_late(int threads, bool resumed, float *grid, float *values) {
     assert_int_equal(trainer->shared.step, LATE + 2);
   }
   take_steps(trainer, 127);
-  assert_true(trainer->shared.step == LATE + 129 && trainer->cell_count > 0 && trainer->cell_count != first);
-  support_ok(data.context,
-             trainer->shared.backend->download_reals(trainer->shared.stream, grid, trainer->grid, ERN_OCCUPANCY_CELLS));
+  assert_true(trainer->shared.step == LATE + 129 && trainer->occupancy.cell_count > 0 &&
+              trainer->occupancy.cell_count != first);
+  support_ok(data.context, trainer->shared.backend->download_reals(trainer->shared.stream, grid,
+                                                                   trainer->occupancy.grid, ERN_OCCUPANCY_CELLS));
   support_ok(data.context,
              trainer->shared.backend->download_reals(trainer->shared.stream, values, trainer->shared.parameters,
                                                      trainer->shared.parameters.count));

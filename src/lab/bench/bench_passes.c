@@ -335,7 +335,7 @@ static void add_sixteenth(struct subject *s, const ern_bench_timing *more, bool 
   double seconds[STAGES];
   stage_seconds(s, seconds);
   const double outside = seconds[STAGE_REFRESH] / (double)s->calls;
-  const double refresh = outside / (double)ern_trainer_refresh_every(s->trainer);
+  const double refresh = outside / (double)ern_trainer_refresh_every(&s->trainer->shared);
   const double smooth = torso ? 0 : fmax(more->median - pass->seconds.median - outside, 0) / ERN_SMOOTH_EVERY;
   add_stage(pass, "refresh", refresh);
   add_stage(pass, "smoothness", smooth);

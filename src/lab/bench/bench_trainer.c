@@ -42,12 +42,14 @@ static ern_status give_pixels(void *user, int split, size_t index, const uint8_t
 
 ern_status ern_bench_trainer_restore(struct ern_trainer *t, const struct ern_bench_scene *scene) {
   const struct ern_model *model = scene->model;
-  ern_status status = t->shared.backend->upload_bytes(t->shared.stream, t->bits, model->bits, ERN_OCCUPANCY_BYTES);
+  ern_status status =
+      t->shared.backend->upload_bytes(t->shared.stream, t->occupancy.bits, model->bits, ERN_OCCUPANCY_BYTES);
   if (status == ERN_OK && t->shared.config.torso && model->torso_grid != NULL) {
     double sum = 0;
     for (size_t i = 0; i < ERN_TORSO_CELLS; i++) sum += (double)model->torso_grid[i];
-    t->torso_mean = sum / ERN_TORSO_CELLS;
-    status = t->shared.backend->upload_reals(t->shared.stream, t->torso_grid, model->torso_grid, ERN_TORSO_CELLS);
+    t->occupancy.torso_mean = sum / ERN_TORSO_CELLS;
+    status =
+        t->shared.backend->upload_reals(t->shared.stream, t->occupancy.torso_grid, model->torso_grid, ERN_TORSO_CELLS);
   }
   return status;
 }
@@ -59,10 +61,10 @@ static ern_status fill_grid(struct ern_trainer *t, const uint8_t *bits) {
   ern_status status = ERN_OK;
   if (t->shared.config.torso) return ERN_OK;
   ERN_TRY(ERN_NEW(t->shared.context, ERN_OCCUPANCY_CELLS, &grid));
-  ERN_TRY(t->shared.backend->download_reals(t->shared.stream, grid, t->grid, ERN_OCCUPANCY_CELLS));
+  ERN_TRY(t->shared.backend->download_reals(t->shared.stream, grid, t->occupancy.grid, ERN_OCCUPANCY_CELLS));
   for (size_t c = 0; c < ERN_OCCUPANCY_CELLS; c++)
     if (bits[c / 8] >> c % 8 & 1 && grid[c] >= 0) grid[c] = 1e30f;
-  status = t->shared.backend->upload_reals(t->shared.stream, t->grid, grid, ERN_OCCUPANCY_CELLS);
+  status = t->shared.backend->upload_reals(t->shared.stream, t->occupancy.grid, grid, ERN_OCCUPANCY_CELLS);
 fail:
   ern_release(t->shared.context, grid);
   return status;

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * Calls the callbacks of a dataset and checks their results at every step: they are the caller's code, and may return
  * something else each time. */
-#include "train/trainer_data.h"
+#include "train/parts/trainer_data.h"
 
 #include <inttypes.h>
 #include <math.h>

@@ -4,7 +4,7 @@
 #ifndef ERN_TRAIN_TRAINER_FINE_H
 #define ERN_TRAIN_TRAINER_FINE_H
 
-#include "train/trainer_shared.h"
+#include "train/parts/trainer_shared.h"
 
 struct ern_trainer_fine {
   const struct ern_training *training;

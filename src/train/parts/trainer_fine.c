@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * The fine stage of a head's training: when it begins, and where its patches lie; what a step of either stage consists
  * of. */
-#include "train/trainer_fine.h"
+#include "train/parts/trainer_fine.h"
 
 #include <inttypes.h>
 #include <string.h>

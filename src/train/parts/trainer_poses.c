@@ -1,13 +1,13 @@
 /* SPDX-License-Identifier: MIT
  * Refinement of poses during training: one row per frame, updated when a step trains on the frame. */
-#include "train/trainer_poses.h"
+#include "train/parts/trainer_poses.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "core/memory.h"
-#include "train/trainer_data.h"
+#include "train/parts/trainer_data.h"
 
 enum { N = ERN_POSE_PARAMETERS };
 

@@ -4,7 +4,7 @@
 #ifndef ERN_TRAIN_TRAINER_DATA_H
 #define ERN_TRAIN_TRAINER_DATA_H
 
-#include "train/trainer_shared.h"
+#include "train/parts/trainer_shared.h"
 
 ERN_NODISCARD ern_status ern_trainer_frame(const struct ern_training *t, int split, size_t frame,
                                            ern_dataset_frame *about);

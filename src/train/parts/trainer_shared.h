@@ -30,4 +30,13 @@ struct ern_training {
   double pending_seconds; /* with a communicator: seconds of the last step, not yet in `seconds` */
 };
 
+static inline struct ern_march_settings ern_trainer_march(const struct ern_training *t) {
+  return (struct ern_march_settings){t->config.bound, t->config.max_steps, t->config.dt_gamma, ERN_NEAR_PLANE};
+}
+
+/* Row of the individual codes of a training frame. */
+static inline size_t ern_trainer_code(const struct ern_training *t, size_t frame) {
+  return t->model->field.config.codes > 0 ? frame : 0;
+}
+
 #endif

@@ -4,7 +4,7 @@
 #define ERN_TRAIN_TRAINER_POSES_H
 
 #include "train/losses_ops.h"
-#include "train/trainer_fine.h"
+#include "train/parts/trainer_fine.h"
 
 /* One row per frame: three angles (radians) and a translation (scene units) of the model's camera refinement, both
  * about the scene's origin. Their mean over the trained frames is 0. */

@@ -3,7 +3,7 @@
 #ifndef ERN_TRAIN_TRAINER_SPEECH_H
 #define ERN_TRAIN_TRAINER_SPEECH_H
 
-#include "train/trainer_shared.h"
+#include "train/parts/trainer_shared.h"
 
 struct ern_trainer_speech {
   const struct ern_training *training;

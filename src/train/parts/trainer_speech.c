@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  * The speech of a frame: as it is, and with the data augmentation of a training step (copies, noise). */
-#include "train/trainer_speech.h"
+#include "train/parts/trainer_speech.h"
 
 #include <math.h>
 #include <string.h>
@@ -10,7 +10,7 @@
 #include "core/status.h"
 #include "render/frame_input.h"
 #include "render/render_ops.h"
-#include "train/trainer_data.h"
+#include "train/parts/trainer_data.h"
 
 static size_t window_values(const ern_features *features) {
   return (size_t)features->window_length * (size_t)features->width;
