@@ -30,15 +30,6 @@ static double progress(const ern_trainer *t) {
   return steps > t->shared.step ? (double)t->shared.step / (double)steps : 1;
 }
 
-static double spent(const ern_trainer *t) { return t->shared.seconds + t->shared.beside; }
-
-void ern_trainer_follow_time(ern_trainer *t, uint64_t least) {
-  if (!(t->shared.config.seconds > 0) || t->shared.step == 0) return;
-  const double share = spent(t) / t->shared.config.seconds; /* of the time that is spent, an estimate of step/iters */
-  const uint64_t steps = share < 1 ? (uint64_t)((double)t->shared.step / fmax(share, 1e-6)) + 1 : t->shared.step;
-  t->shared.config.iters = steps > least ? steps : least;
-}
-
 static const char *const term_name[ERN_LOSS_TERMS] = {"photometric", "uncertainty",   "static_uncertainty",
                                                       "entropy",     "audio_ambient", "eye_ambient",
                                                       "smoothness",  "key_points",    "patches"};
@@ -97,7 +88,7 @@ static ern_status head_step(ern_trainer *t, struct ern_batch *batch, struct ern_
                                     .dpose_weight = batch->rigid,
                                     .patches = patches_of(t, batch),
                                     .meanwhile = ern_trainer_draw_ahead,
-                                    .user = t,
+                                    .user = &t->batches,
                                     .n = batch->rays};
   const ern_status status = t->shared.backend->head_step(t->shared.stream, &args);
   add_part(t, sum, args.terms, args.squared_error, args.samples, batch->rays);
@@ -118,14 +109,14 @@ static ern_status torso_step(ern_trainer *t, const struct ern_batch *batch, stru
                                      .background = batch->background,
                                      .individual = ern_trainer_code(&t->shared, batch->frame),
                                      .meanwhile = ern_trainer_draw_ahead,
-                                     .user = t,
+                                     .user = &t->batches,
                                      .n = batch->rays};
   const ern_status status = t->shared.backend->torso_step(t->shared.stream, &args);
   add_part(t, sum, args.terms, args.terms[ERN_LOSS_PHOTOMETRIC], args.samples, batch->rays);
   return status;
 }
 
-ern_status ern_trainer_batch_step(ern_trainer *t, struct ern_batch *batch, struct ern_step_sum *sum) {
+static ern_status batch_step(ern_trainer *t, struct ern_batch *batch, struct ern_step_sum *sum) {
   return t->shared.config.torso ? torso_step(t, batch, sum) : head_step(t, batch, sum);
 }
 
@@ -144,7 +135,7 @@ static ern_status check_finite(ern_trainer *t, const struct ern_step_sum *sum) {
                       "step %" PRIu64
                       ": the gradient of the pose of training frame %zu is not finite; the parameters are "
                       "as before",
-                      t->shared.step, ern_trainer_step_frame(t, i / ERN_POSE_PARAMETERS));
+                      t->shared.step, ern_trainer_step_frame(&t->batches, i / ERN_POSE_PARAMETERS));
   struct ern_finite_args all = {.values = t->values.gradient, .n = t->shared.model->field.parameters};
   ern_status status = t->shared.backend->finite(t->shared.stream, &all);
   if (status != ERN_OK || all.finite) return status;
@@ -169,13 +160,28 @@ static ern_status occupancy(ern_trainer *t) {
   return t->shared.step % ern_trainer_refresh_every(&t->shared) == 0 ? ern_trainer_refresh(o) : ERN_OK;
 }
 
-/* Gradient and results of the batches. */
-static ern_status sum_step(ern_trainer *t, struct ern_batch *batches, struct ern_step_sum *sum) {
+/* Gradient and results of some batches. */
+static ern_status part_step(ern_trainer *t, struct ern_batch *batches, size_t count, struct ern_step_sum *sum) {
   *sum = (struct ern_step_sum){.samples = 0};
-  if (t->shared.config.step_parts > 1) return ern_trainer_parts_step(t, batches, sum);
   ern_status status = t->shared.backend->zero(t->shared.stream, t->values.gradient);
-  for (size_t k = 0; status == ERN_OK && k < ern_trainer_own_batches(&t->fine); k++)
-    status = ern_trainer_batch_step(t, &batches[k], sum);
+  for (size_t k = 0; status == ERN_OK && k < count; k++) status = batch_step(t, &batches[k], sum);
+  return status;
+}
+
+/* Those of a step: of this process's batches and of those of the others. */
+static ern_status sum_step(ern_trainer *t, struct ern_batch *batches, struct ern_step_sum *sum) {
+  const size_t own = ern_trainer_own_batches(&t->fine),
+               parts = (size_t)(t->shared.config.step_parts / t->shared.communicator.size), each = own / parts;
+  const ern_span gradient = t->values.gradient;
+  ern_status status = ERN_OK;
+  if (t->shared.config.step_parts == 1) return part_step(t, batches, own, sum);
+  for (size_t p = 0; p < parts; p++) {
+    ERN_TRY(part_step(t, batches + p * each, each, sum));
+    ERN_TRY(ern_trainer_parts_add(&t->parts, p, gradient, sum));
+  }
+  status = ern_trainer_parts_finish(&t->parts, gradient, ern_trainer_step_frames(&t->fine),
+                                    ern_trainer_step_batches(&t->fine), sum);
+fail:
   return status;
 }
 
@@ -199,14 +205,15 @@ static ern_status take_step(ern_trainer *t, ern_train_report *report) {
   ern_status status = ERN_OK;
   /* processes that train together agree on the time only at the end of a step */
   if (t->shared.step < t->shared.config.iters && t->shared.communicator.size == 1)
-    ern_trainer_follow_time(t, t->shared.step + 1);
+    ern_trainer_follow_time(&t->shared, t->shared.step + 1);
   ern_trainer_fine_due(&t->fine);
   const size_t frames = ern_trainer_step_frames(&t->fine), own = ern_trainer_own_batches(&t->fine);
   *report = (ern_train_report){.iters = t->shared.config.iters};
   if (t->shared.step >= t->shared.config.iters)
     ERN_TRY(ern_fail(t->shared.context, ERN_E_STATE, "train: all %" PRIu64 " steps are done", t->shared.config.iters));
   /* first, so that the state is that after the last step where a picture cannot be read */
-  for (size_t k = 0; k < own; k++) ERN_TRY(ern_trainer_batch(t, ern_trainer_first_batch(&t->fine) + k, &batches[k]));
+  for (size_t k = 0; k < own; k++)
+    ERN_TRY(ern_trainer_batch(&t->batches, ern_trainer_first_batch(&t->fine) + k, &batches[k]));
   ERN_TRY(occupancy(t));
   ERN_TRY(sum_step(t, batches, &sum));
   report->psnr = -10 * log10(fmax(sum.squared_error, 1e-10));
@@ -214,12 +221,12 @@ static ern_status take_step(ern_trainer *t, ern_train_report *report) {
   ERN_TRY(check_finite(t, &sum));
   ERN_TRY(ern_trainer_update(&t->values, (float)pow(ern_trainer_is_fine(&t->fine) ? 0.05 : 0.5, progress(t))));
   for (size_t k = 0; ern_trainer_poses_due(t->poses) && k < frames; k++)
-    ern_trainer_poses_step(t->poses, ern_trainer_step_frame(t, k), sum.dpose[k]);
+    ern_trainer_poses_step(t->poses, ern_trainer_step_frame(&t->batches, k), sum.dpose[k]);
   t->shared.step++;
   if (t->shared.step % t->shared.config.ema_every == 0) ERN_TRY(ern_trainer_average(&t->values));
   for (int i = 0; i < ERN_LOSS_TERMS; i++) report->loss += sum.terms[i];
   count_seconds(t, &sum, seconds_now() - began);
-  ern_trainer_follow_time(t, t->shared.step);
+  ern_trainer_follow_time(&t->shared, t->shared.step);
   report->iters = t->shared.config.iters;
 fail:
   report->step = t->shared.step;
@@ -259,7 +266,7 @@ static ern_train_report make_report(const ern_trainer *t, struct tally *tally) {
                              .seconds = t->shared.seconds};
   report.steps_per_second = now > tally->began ? (double)(t->shared.step - tally->first) / (now - tally->began) : 0;
   if (t->shared.config.seconds > 0)
-    report.seconds_left = fmax(t->shared.config.seconds - spent(t), 0);
+    report.seconds_left = fmax(t->shared.config.seconds - ern_trainer_spent(&t->shared), 0);
   else if (report.steps_per_second > 0)
     report.seconds_left = (double)(t->shared.config.iters - t->shared.step) / report.steps_per_second;
   tally->loss = tally->psnr = tally->samples = 0;
@@ -288,8 +295,9 @@ static bool save_due(const ern_trainer *t, const struct tally *tally) {
                                       : due(t->shared.step, t->shared.config.save_every);
 }
 static bool validation_due(const ern_trainer *t, const struct tally *tally) {
-  return t->shared.config.seconds > 0 ? spent(t) - tally->validated > fmax(t->shared.config.seconds / 10, SAVE_SECONDS)
-                                      : due(t->shared.step, t->shared.config.validate_every);
+  return t->shared.config.seconds > 0
+             ? ern_trainer_spent(&t->shared) - tally->validated > fmax(t->shared.config.seconds / 10, SAVE_SECONDS)
+             : due(t->shared.step, t->shared.config.validate_every);
 }
 
 /* Saves the training after the error `failed`, such as an unreadable picture or a failed validation. After
@@ -329,7 +337,7 @@ static ern_status finish_step(ern_trainer *t, const ern_train_hooks *hooks, stru
   if (save) tally->saved = seconds_now();
 fail:
   t->shared.beside += seconds_now() - began;
-  if (validate) tally->validated = spent(t);
+  if (validate) tally->validated = ern_trainer_spent(&t->shared);
   return status;
 }
 
@@ -386,7 +394,7 @@ ern_status ern_trainer_run_sized(ern_trainer *t, const ern_train_hooks *hooks, s
   ern_status status = hooks != NULL ? ERN_COPY_IN(t->shared.context, ern_train_hooks, &own, hooks, bytes) : ERN_OK;
   if (status != ERN_OK) return status;
   struct tally tally = {.began = seconds_now(), .said = seconds_now(), .saved = seconds_now(), .first = t->shared.step};
-  tally.validated = spent(t);
+  tally.validated = ern_trainer_spent(&t->shared);
   struct ern_divergence divergence = {0};
   status = make_up(t, &own);
   if (status != ERN_OK) return stopped(t, status);

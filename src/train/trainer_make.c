@@ -16,6 +16,7 @@
 #include "io/speech_description.h"
 #include "model/torso_ops.h"
 #include "render/frame_input.h"
+#include "train/parts/trainer_data.h"
 #include "train/state_about.h"
 
 /* ---- checks ------------------------------------------------------------------------------------------------------ */
@@ -298,22 +299,6 @@ ern_status ern_trainer_choose_precision(ern_trainer *t, const char *path, ern_pr
 
 /* ---- memory ------------------------------------------------------------------------------------------------------ */
 
-/* Only a few in a hundred frames have shut eyes: too few of them would be drawn in a short training. */
-static ern_status find_blinks(ern_trainer *t) {
-  const size_t frames = t->shared.config.data_end - t->shared.config.data_begin;
-  ern_status status = ERN_OK;
-  if (t->shared.config.torso || t->shared.config.ray_sampling != ERN_RAY_SAMPLING_REGIONS || !t->shared.data.has_eye)
-    return ERN_OK;
-  ERN_TRY(ERN_NEW(t->shared.context, frames, &t->blinks));
-  for (size_t i = t->shared.config.data_begin; i < t->shared.config.data_end; i++) {
-    ern_dataset_frame about;
-    ERN_TRY(ern_trainer_frame(&t->shared, 0, i, &about));
-    if (about.eye >= 0.5f) t->blinks[t->blink_count++] = i;
-  }
-fail:
-  return status;
-}
-
 static ern_status take_host(ern_trainer *t) {
   const uint8_t *head = NULL;
   ern_status status = ERN_OK;
@@ -321,19 +306,11 @@ static ern_status take_host(ern_trainer *t) {
   ERN_TRY(ERN_NEW(t->shared.context, t->shared.data.frames[0], &t->shared.views));
   for (size_t i = 0; i < t->shared.data.frames[0]; i++)
     ERN_TRY(ern_trainer_view(&t->shared, 0, i, &t->shared.views[i]));
-  ERN_TRY(find_blinks(t));
   ERN_TRY(ern_trainer_head(&t->shared, t->shared.config.data_begin, &head)); /* so that an invalid one is found now */
   ERN_TRY(ern_trainer_poses_make(&t->poses, &t->fine));
   ERN_TRY(ern_trainer_speech_make(&t->speech, &t->shared));
-  ERN_TRY(ern_trainer_parts_make(t));
+  ERN_TRY(ern_trainer_parts_make(&t->parts, &t->shared));
 fail:
-  return status;
-}
-
-static ern_status take_rays(ern_trainer *t) {
-  const size_t rays = ern_trainer_most_rays(&t->fine);
-  ern_status status = ERN_NEW(t->shared.context, rays, &t->host_pixels);
-  if (status == ERN_OK) status = ERN_NEW(t->shared.context, 9 * ern_scratch_stride(rays), &t->host_rows);
   return status;
 }
 
@@ -410,7 +387,7 @@ static ern_status fill(ern_trainer *t) {
   }
   if (t->shared.config.resume && t->output != NULL) {
     ERN_TRY(ern_trainer_resume(t, &resumed));
-    ern_trainer_follow_time(t, t->shared.step);
+    ern_trainer_follow_time(&t->shared, t->shared.step);
     if (t->shared.step > t->shared.config.iters)
       ERN_TRY(ern_fail(t->shared.context, ERN_E_STATE,
                        "%s: the state is at step %" PRIu64 ", expected at most the %" PRIu64 " of --iters",
@@ -483,7 +460,7 @@ ern_status ern_trainer_create_sized(ern_trainer **trainer, ern_backend *backend,
   ERN_TRY(fill(t));
   ERN_TRY(ern_trainer_share_state(t));
   ERN_TRY(ern_trainer_fine_begin(&t->fine));
-  ERN_TRY(take_rays(t));
+  ERN_TRY(ern_trainer_batches_make(&t->batches, &t->fine, &t->speech, t->poses));
   t->occupancy.pruned = t->occupancy.pruned &&
                         ern_trainer_prune_due(&t->fine); /* a training that is resumed for longer refreshes again */
   ERN_TRY(check_average(t));
@@ -507,19 +484,13 @@ void ern_trainer_free(ern_trainer **trainer) {
   t->shared.backend->buffer_free(t->shared.backend, t->values.reals);
   ern_trainer_occupancy_free(&t->occupancy, t->shared.backend);
   t->shared.backend->buffer_free(t->shared.backend, t->fine.filter);
-  for (int i = 0; i < 2; i++) {
-    t->shared.backend->buffer_free(t->shared.backend, t->drawn.pixels[i]);
-    t->shared.backend->buffer_free(t->shared.backend, t->drawn.reals[i]);
-  }
+  ern_trainer_batches_free(&t->batches, t->shared.backend);
   t->shared.backend->stream_free(t->shared.stream);
   ern_pool_free(t->shared.pool);
   ern_trainer_speech_free(&t->speech, t->shared.context);
   ern_trainer_poses_free(&t->poses);
-  ern_trainer_parts_free(t);
+  ern_trainer_parts_free(&t->parts, t->shared.context);
   ern_release(t->shared.context, t->shared.views);
-  ern_release(t->shared.context, t->blinks);
-  ern_release(t->shared.context, t->host_pixels);
-  ern_release(t->shared.context, t->host_rows);
   ern_release(t->shared.context, t->output);
   ern_model_free(&t->shared.model);
   ern_release(t->shared.context, t);

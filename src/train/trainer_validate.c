@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "core/memory.h"
+#include "train/parts/trainer_data.h"
 #include "train/trainer.h"
 
 enum { PANELS = 5 }; /* prediction, truth, difference, audio attention, eye attention */

@@ -86,7 +86,7 @@ static void test_rays_of_a_fine_step(void **state) {
     assert_int_equal(ern_trainer_step_frames(&t->fine), step < 2 ? 4 : 2);
     support_ok(made.context, ern_trainer_step(t, &report));
     assert_true(isfinite(report.loss) && report.samples_per_ray > 0);
-    if (step >= 2) expect_patches(t->host_pixels, 1); /* of the last frame's part */
+    if (step >= 2) expect_patches(t->batches.host_pixels, 1); /* of the last frame's part */
   }
   ern_trainer_free(&t);
   config.rays = 100; /* fewer than a patch has: a step has one all the same */
@@ -95,7 +95,7 @@ static void test_rays_of_a_fine_step(void **state) {
     assert_int_equal(ern_trainer_step_rays(&t->fine), step < 2 ? 100 : PATCH * PATCH);
     assert_int_equal(ern_trainer_step_frames(&t->fine), step < 2 ? 4 : 1);
     support_ok(made.context, ern_trainer_step(t, &report));
-    if (step >= 2) expect_patches(t->host_pixels, 1);
+    if (step >= 2) expect_patches(t->batches.host_pixels, 1);
   }
   ern_trainer_free(&t);
 }

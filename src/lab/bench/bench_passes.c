@@ -304,8 +304,8 @@ static ern_status step(void *user, size_t which, size_t times) {
     t->shared.step = passes->sixteenth ? ERN_REFRESH_WARM_UP : 1;
     /* Every backend steps with the batch that is drawn ahead for the next step, so all compute the same rays. One that
      * does not draw during a step draws here. */
-    if (t->drawn.step == 0) ern_trainer_draw_ahead(t);
-    if (t->drawn.step > 0) t->drawn.step = t->shared.step;
+    if (t->batches.drawn.step == 0) ern_trainer_draw_ahead(&t->batches);
+    if (t->batches.drawn.step > 0) t->batches.drawn.step = t->shared.step;
     status = ern_trainer_step(t, &report);
     s->samples += report.samples_per_ray * t->shared.config.rays;
     s->calls++;
