@@ -54,7 +54,7 @@ static void describe(const ern_model *model, ern_model_info *info) {
                            .window_length = config->window_length,
                            .codes = config->codes,
                            .bound = config->bound,
-                           .has_view_settings = model->view.said,
+                           .has_view_settings = model->view.is_set,
                            .max_steps = model->view.max_steps,
                            .dt_gamma = model->view.dt_gamma,
                            .torso_shrink = model->view.torso_shrink,

@@ -41,7 +41,7 @@ ern_status ern_model_metadata(const ern_model *model, char **json) {
       c->window_length, "eye", c->eye, "view", !c->no_view, "torso", c->torso, "torso_gamma", c->torso_gamma, "codes",
       c->codes, "bound", (double)c->bound, "head_steps", (json_int_t)model->head_steps, "torso_steps",
       (json_int_t)model->torso_steps, "speech", model->speech, "clip", model->clip, "consent", model->consent);
-  if (root != NULL && ((model->view.said && !put_view(root, &model->view)) || !put_speech_network(root, model) ||
+  if (root != NULL && ((model->view.is_set && !put_view(root, &model->view)) || !put_speech_network(root, model) ||
                        (model->dub && json_object_set_new(root, "dub", json_true()) != 0))) {
     json_decref(root);
     root = NULL;

@@ -2,11 +2,13 @@
  * THE table of a training's settings: one row for each member of ern_train_config, in their order. Defaults, range
  * checks, what a state keeps, what a resume and what processes compare, the program's options and the Python module's
  * structure follow from it. */
+#include "train/train_settings.h"
+
 #include "core/setting_table.h"
 #include "core/sized.h"
+#include "model/view_settings.h"
 #include "render/march_ops.h"
 #include "train/patches_ops.h"
-#include "train/trainer.h"
 
 enum { CONFIG_COOKIE = 0x45524e34 };
 

@@ -15,6 +15,7 @@
 #include "model/torso_ops.h"
 #include "render/picture_ops.h"
 #include "train/divergence.h"
+#include "train/parts/trainer_model.h"
 #include "train/step.h"
 #include "train/step_ops.h"
 
@@ -251,7 +252,7 @@ enum { SAVE_SECONDS = 60 };
 
 /* Means since the last report, and the rate of this run. */
 struct tally {
-  double began, said, saved, loss, psnr, samples;
+  double began, reported, saved, loss, psnr, samples;
   uint64_t first, steps;
   double validated; /* seconds of the training at the last validation */
 };
@@ -271,19 +272,19 @@ static ern_train_report make_report(const ern_trainer *t, struct tally *tally) {
     report.seconds_left = (double)(t->shared.config.iters - t->shared.step) / report.steps_per_second;
   tally->loss = tally->psnr = tally->samples = 0;
   tally->steps = 0;
-  tally->said = now;
+  tally->reported = now;
   return report;
 }
 
 static ern_status note(ern_trainer *t, const ern_train_report *r, double validation) {
-  if (t->output == NULL) return ERN_OK;
-  ern_status status = ern_lines_add(t->shared.context, &t->run.log_lines,
+  if (t->state.output == NULL) return ERN_OK;
+  ern_status status = ern_lines_add(t->shared.context, &t->state.run.log_lines,
                                     "{\"step\": %" PRIu64
                                     ", \"seconds\": %.3f, \"loss\": %.8g, \"psnr\": %.4f, "
                                     "\"samples_per_ray\": %.3f, \"steps_per_second\": %.4f}\n",
                                     r->step, r->seconds, r->loss, r->psnr, r->samples_per_ray, r->steps_per_second);
   if (status != ERN_OK || !(validation > 0)) return status;
-  return ern_lines_add(t->shared.context, &t->run.curve_lines, "%" PRIu64 ",%.3f,%.4f\n", r->step, r->seconds,
+  return ern_lines_add(t->shared.context, &t->state.run.curve_lines, "%" PRIu64 ",%.3f,%.4f\n", r->step, r->seconds,
                        validation);
 }
 
@@ -306,34 +307,44 @@ static ern_status save_after(ern_trainer *t, ern_status failed) {
   char cause[1800]; /* room is left for the rest of an error text of 2048 */
   if (failed == ERN_E_NONFINITE || failed == ERN_E_DEVICE) return failed;
   (void)ern_last_error_copy(t->shared.context, cause, sizeof cause);
-  const ern_status saved = ern_trainer_save(t);
+  const ern_status saved = ern_trainer_state_save(&t->state);
   if (saved != ERN_OK) return saved;
   return ern_fail(t->shared.context, failed, "%s; step %" PRIu64 " is saved", cause, t->shared.step);
+}
+
+/* With the values that a save would write. */
+static ern_status validate_now(ern_trainer *t, const ern_train_hooks *hooks, double *psnr) {
+  const bool averaged = ern_trainer_is_averaged(&t->values);
+  const ern_status status = ern_trainer_download(&t->state, averaged ? t->values.average : t->shared.parameters);
+  if (status != ERN_OK) return status;
+  ern_arena_trim(t->shared.stream); /* a renderer needs memory too; the download has waited for all that ran */
+  return ern_trainer_validate(&t->speech, t->poses, hooks, psnr);
 }
 
 static ern_status finish_step(ern_trainer *t, const ern_train_hooks *hooks, struct tally *tally) {
   if (t->shared.communicator.rank > 0) return ERN_OK;
   const bool last = t->shared.step == t->shared.config.iters;
   const bool validate = last || validation_due(t, tally);
-  const bool save = t->output != NULL && (last || save_due(t, tally));
+  const bool save = t->state.output != NULL && (last || save_due(t, tally));
   const double began = seconds_now();
   double validation = 0;
   ern_status status = ERN_OK;
   /* the pictures of an earlier training are replaced after the first save, as all of it is */
-  if (validate && t->output != NULL && t->run.fresh && access(t->run.curve, F_OK) == 0) ERN_TRY(ern_trainer_save(t));
-  if (validate) status = ern_trainer_validate(t, hooks, &validation);
-  if (status != ERN_OK) return t->output != NULL ? save_after(t, status) : status;
-  const bool say = last || validation > 0 || seconds_now() - tally->said > 0.5;
-  if (say) {
+  if (validate && t->state.output != NULL && t->state.run.fresh && access(t->state.run.curve, F_OK) == 0)
+    ERN_TRY(ern_trainer_state_save(&t->state));
+  if (validate) status = validate_now(t, hooks, &validation);
+  if (status != ERN_OK) return t->state.output != NULL ? save_after(t, status) : status;
+  const bool report_now = last || validation > 0 || seconds_now() - tally->reported > 0.5;
+  if (report_now) {
     const ern_train_report report = make_report(t, tally);
     ERN_TRY(note(t, &report, validation));
     if (hooks->progress != NULL && hooks->progress(hooks->user, &report) != 0 && !last) {
-      if (t->output != NULL) ERN_TRY(ern_trainer_save(t));
+      if (t->state.output != NULL) ERN_TRY(ern_trainer_state_save(&t->state));
       ERN_TRY(ern_fail(t->shared.context, ERN_E_CANCELLED, "train: stopped at step %" PRIu64 " of %" PRIu64 "%s",
-                       t->shared.step, t->shared.config.iters, t->output != NULL ? "; the state is saved" : ""));
+                       t->shared.step, t->shared.config.iters, t->state.output != NULL ? "; the state is saved" : ""));
     }
   }
-  if (save) ERN_TRY(ern_trainer_save(t));
+  if (save) ERN_TRY(ern_trainer_state_save(&t->state));
   if (save) tally->saved = seconds_now();
 fail:
   t->shared.beside += seconds_now() - began;
@@ -343,16 +354,16 @@ fail:
 
 /* The validation that was stopped at the step of a resume, which is due by steps. */
 static ern_status make_up(ern_trainer *t, const ern_train_hooks *hooks) {
-  const bool missing = t->run.unmeasured && t->shared.communicator.rank == 0;
+  const bool missing = t->state.run.unmeasured && t->shared.communicator.rank == 0;
   const double began = seconds_now();
   double validation = 0;
-  t->run.unmeasured = false;
+  t->state.run.unmeasured = false;
   if (!missing || (t->shared.step < t->shared.config.iters &&
                    (t->shared.config.seconds > 0 || !due(t->shared.step, t->shared.config.validate_every))))
     return ERN_OK;
-  ern_status status = ern_trainer_validate(t, hooks, &validation);
+  ern_status status = validate_now(t, hooks, &validation);
   if (status == ERN_OK && validation > 0)
-    status = ern_lines_add(t->shared.context, &t->run.curve_lines, "%" PRIu64 ",%.3f,%.4f\n", t->shared.step,
+    status = ern_lines_add(t->shared.context, &t->state.run.curve_lines, "%" PRIu64 ",%.3f,%.4f\n", t->shared.step,
                            t->shared.seconds, validation);
   t->shared.beside += seconds_now() - began;
   return status;
@@ -361,24 +372,24 @@ static ern_status make_up(ern_trainer *t, const ern_train_hooks *hooks) {
 /* The loss of a device loses only the steps since the last save: adds that to the error. */
 static ern_status stopped(const ern_trainer *t, ern_status status) {
   char cause[1800]; /* room is left for the rest of an error text of 2048 */
-  if (status != ERN_E_DEVICE || t->output == NULL) return status;
+  if (status != ERN_E_DEVICE || t->state.output == NULL) return status;
   (void)ern_last_error_copy(t->shared.context, cause, sizeof cause);
-  if (t->saved == 0)
+  if (t->state.saved == 0)
     return ern_fail(t->shared.context, status,
                     "%s; after step %" PRIu64 ", and nothing of this training was saved before", cause, t->shared.step);
   return ern_fail(t->shared.context, status,
                   "%s; after step %" PRIu64 "; the state of step %" PRIu64
                   " is whole in %s, and a resume goes on from it, on any backend",
-                  cause, t->shared.step, t->saved, t->run.folder);
+                  cause, t->shared.step, t->state.saved, t->state.run.folder);
 }
 
 static void warn_of_divergence(ern_trainer *t, const struct ern_divergence *divergence) {
   char kept[1200] = ""; /* room is left for the rest of a line of 2048 */
-  t->diverged = t->output != NULL && t->saved > 0;
-  if (t->diverged)
+  t->state.diverged = t->state.output != NULL && t->state.saved > 0;
+  if (t->state.diverged)
     snprintf(kept, sizeof kept,
              "; the next save keeps the state of before as %s, which --from goes on from, to another output",
-             t->run.good);
+             t->state.run.good);
   ern_log(t->shared.context, ERN_LOG_WARNING,
           "train: PSNR has fallen from %.1f to %.1f dB by step %" PRIu64
           ", though every value is finite: as a rule the networks are dead then and stay so; begin again with lower "
@@ -393,18 +404,19 @@ ern_status ern_trainer_run_sized(ern_trainer *t, const ern_train_hooks *hooks, s
   ern_train_hooks own = {0};
   ern_status status = hooks != NULL ? ERN_COPY_IN(t->shared.context, ern_train_hooks, &own, hooks, bytes) : ERN_OK;
   if (status != ERN_OK) return status;
-  struct tally tally = {.began = seconds_now(), .said = seconds_now(), .saved = seconds_now(), .first = t->shared.step};
+  struct tally tally = {
+      .began = seconds_now(), .reported = seconds_now(), .saved = seconds_now(), .first = t->shared.step};
   tally.validated = ern_trainer_spent(&t->shared);
   struct ern_divergence divergence = {0};
   status = make_up(t, &own);
   if (status != ERN_OK) return stopped(t, status);
-  if (t->shared.step >= t->shared.config.iters && t->output != NULL) status = ern_trainer_save(t);
+  if (t->shared.step >= t->shared.config.iters && t->state.output != NULL) status = ern_trainer_state_save(&t->state);
   if (status != ERN_OK) return status;
   while (t->shared.step < t->shared.config.iters) {
     ern_train_report report;
     status = take_step(t, &report);
     const bool keep =
-        t->output != NULL && t->shared.step > t->saved && status != ERN_E_NO_MEMORY; /* may be mid-update */
+        t->state.output != NULL && t->shared.step > t->state.saved && status != ERN_E_NO_MEMORY; /* may be mid-update */
     if (status != ERN_OK) return stopped(t, keep ? save_after(t, status) : status);
     /* not in the fine stage: patches differ too much from step to step */
     if (t->shared.config.rays >= 64 && !ern_trainer_is_fine(&t->fine) && ern_divergence_step(&divergence, report.psnr))
@@ -417,7 +429,7 @@ ern_status ern_trainer_run_sized(ern_trainer *t, const ern_train_hooks *hooks, s
     if (status != ERN_OK) return stopped(t, status);
   }
   /* needed where a callback made the last steps */
-  if (t->output != NULL && t->saved != t->shared.step) status = ern_trainer_save(t);
+  if (t->state.output != NULL && t->state.saved != t->shared.step) status = ern_trainer_state_save(&t->state);
   return status == ERN_OK ? ern_trainer_wait_for_first(&t->shared) : status;
 }
 
@@ -426,7 +438,7 @@ ern_status ern_trainer_model(ern_trainer *t, ern_model **model) {
   if (model != NULL) *model = NULL;
   ERN_NEED(NULL, t);
   ERN_NEED(t->shared.context, model);
-  ern_status status = ern_trainer_download(t, t->shared.parameters);
+  ern_status status = ern_trainer_download(&t->state, t->shared.parameters);
   if (status == ERN_OK) status = ern_model_make(model, t->shared.context, &t->shared.model->field.config);
   if (status != ERN_OK) return status;
   memcpy((*model)->block, t->shared.model->block, t->shared.model->field.parameters * sizeof(float));
@@ -457,4 +469,12 @@ void ern_trainer_describe_sized(const ern_trainer *trainer, ern_train_report *re
   ern_struct_copy_out(report, bytes, &own, sizeof own);
 }
 
-const char *ern_trainer_folder(const ern_trainer *trainer) { return trainer != NULL ? trainer->run.folder : NULL; }
+ern_status ern_trainer_save(ern_trainer *trainer) {
+  ERN_PLAIN_FLOATS;
+  ERN_NEED(NULL, trainer);
+  return ern_trainer_state_save(&trainer->state);
+}
+
+const char *ern_trainer_folder(const ern_trainer *trainer) {
+  return trainer != NULL ? trainer->state.run.folder : NULL;
+}

@@ -17,7 +17,10 @@
 #include "model/torso_ops.h"
 #include "render/frame_input.h"
 #include "train/parts/trainer_data.h"
+#include "train/parts/trainer_model.h"
 #include "train/state_about.h"
+#include "train/train_settings.h"
+#include "train/trainer.h"
 
 /* ---- checks ------------------------------------------------------------------------------------------------------ */
 
@@ -150,10 +153,6 @@ static struct ern_model_config head_config(const ern_trainer *t) {
                                    .bound = t->shared.config.bound};
 }
 
-bool ern_trainer_is_foreign(const ern_trainer *t, const ern_model *model) {
-  return model->clip[0] != 0 && t->shared.identity[0] != 0 && strcmp(model->clip, t->shared.identity) != 0;
-}
-
 static ern_status check_head(const ern_trainer *t, const ern_model *head) {
   if (head->field.config.feature_width != t->shared.data.features->width)
     return ern_fail(t->shared.context, ERN_E_MISMATCH, "train: the head takes features %d wide, the clip's are %d wide",
@@ -164,11 +163,11 @@ static ern_status check_head(const ern_trainer *t, const ern_model *head) {
                     "train: the head was trained on windows of %d vectors of speech, the clip's have %d", length,
                     t->shared.data.features->window_length);
   /* The torso's own shrink is chosen anew. */
-  const ern_status status = ern_trainer_check_view(t, "the head", &head->view, false, true);
+  const ern_status status = ern_trainer_check_view(&t->shared, "the head", &head->view, false, true);
   if (status != ERN_OK) return status;
   if (head->clip[0] == 0)
     ern_log(t->shared.context, ERN_LOG_WARNING, "train: the head's file does not say which clip it is of");
-  if (ern_trainer_is_foreign(t, head)) {
+  if (ern_trainer_is_foreign(&t->shared, head)) {
     if (!t->shared.config.force)
       return ern_fail(t->shared.context, ERN_E_MISMATCH,
                       "train: the head was trained on another clip (%.12s..., this one is %.12s...)", head->clip,
@@ -177,49 +176,6 @@ static ern_status check_head(const ern_trainer *t, const ern_model *head) {
             head->cameras > 0 ? "; its pose corrections are of that clip's frames, and are left out" : "");
   }
   return ERN_OK;
-}
-
-void ern_trainer_copy_rows(ern_model *to, const ern_model *from, bool torso) {
-  for (int r = 0; r < to->table.rows; r++) {
-    const struct ern_parameter *row = &to->table.row[r], *its = ern_parameters_find(&from->table, row->name);
-    if (its == NULL || row->torso != torso) continue;
-    memcpy(to->block + row->at, from->block + its->at,
-           (its->count < row->count ? its->count : row->count) * sizeof(float));
-  }
-  if (torso) {
-    memcpy(to->torso_grid, from->torso_grid, ERN_TORSO_CELLS * sizeof(float));
-    to->torso_steps = from->torso_steps;
-  } else {
-    memcpy(to->bits, from->bits, ERN_OCCUPANCY_BYTES);
-    to->head_steps = from->head_steps;
-  }
-}
-
-ern_status ern_trainer_copy_camera(ern_model *to, const ern_model *from) {
-  if (from->cameras == 0) return ERN_OK;
-  const ern_status status = ERN_NEW(to->context, 6 * from->cameras, &to->camera);
-  if (status != ERN_OK) return status;
-  memcpy(to->camera, from->camera, 6 * from->cameras * sizeof(float));
-  to->cameras = from->cameras;
-  to->unseen = from->unseen;
-  return ERN_OK;
-}
-
-void ern_trainer_log_codes(const ern_trainer *t, const char *path, int found) {
-  const int here = t->shared.model->field.config.codes;
-  if (found < here)
-    ern_log(t->shared.context, ERN_LOG_INFO,
-            "%s: has %d individual codes for the %d of this training: they are kept, the other %d are fresh", path,
-            found, here, here - found);
-  if (found > here)
-    ern_log(t->shared.context, ERN_LOG_INFO,
-            "%s: has %d individual codes for the %d of this training: the first %d are kept, the others dropped", path,
-            found, here, here);
-}
-
-void ern_trainer_keep_consent(ern_trainer *t, const ern_model *from) {
-  if (t->shared.config.consent == NULL && !ern_trainer_is_foreign(t, from))
-    memcpy(t->shared.model->consent, from->consent, sizeof t->shared.model->consent);
 }
 
 /* Kind and network of the speech features, into the model; a torso takes them from its head. */
@@ -261,7 +217,7 @@ static ern_status make_model(ern_trainer *t) {
     config.torso_gamma = t->shared.config.torso_gamma;
   }
   ERN_TRY(ern_model_make(&t->shared.model, t->shared.context, &config));
-  t->shared.model->view = ern_trainer_view_settings(t);
+  t->shared.model->view = ern_trainer_view_settings(&t->shared);
   memcpy(t->shared.model->clip, t->shared.identity, sizeof t->shared.model->clip);
   t->shared.model->dub = t->shared.config.torso ? t->shared.config.head != NULL && t->shared.config.head->dub
                                                 : t->shared.config.ray_sampling == ERN_RAY_SAMPLING_DUB;
@@ -269,32 +225,16 @@ static ern_status make_model(ern_trainer *t) {
   if (t->shared.config.consent != NULL)
     snprintf(t->shared.model->consent, sizeof t->shared.model->consent, "%s", t->shared.config.consent);
   else if (t->shared.config.head != NULL)
-    ern_trainer_keep_consent(t, t->shared.config.head);
+    ern_trainer_keep_consent(&t->shared, t->shared.config.head);
   ern_parameters_init(t->shared.model->block, &t->shared.model->table, t->shared.config.torso, t->shared.config.seed);
   if (t->shared.config.torso && t->shared.config.head != NULL) {
     ern_trainer_copy_rows(t->shared.model, t->shared.config.head, false);
-    if (!ern_trainer_is_foreign(t, t->shared.config.head))
+    if (!ern_trainer_is_foreign(&t->shared, t->shared.config.head))
       ERN_TRY(ern_trainer_copy_camera(t->shared.model, t->shared.config.head));
-    ern_trainer_log_codes(t, "the head", t->shared.config.head->field.config.codes);
+    ern_trainer_log_codes(&t->shared, "the head", t->shared.config.head->field.config.codes);
   }
 fail:
   return status;
-}
-
-ern_status ern_trainer_choose_precision(ern_trainer *t, const char *path, ern_precision wanted) {
-  const bool backend = t->shared.backend->trains_bf16, own = ern_field_is_standard(&t->shared.model->field);
-  const bool can = backend && own && !t->shared.config.torso;
-  t->shared.bf16 = wanted == ERN_PRECISION_BF16 || (wanted == ERN_PRECISION_AUTO && can);
-  if (can || !t->shared.bf16) return ERN_OK;
-  if (t->shared.config.torso)
-    return ern_fail(t->shared.context, ERN_E_UNSUPPORTED, "%s: precision is bf16, expected fp32 for a torso", path);
-  if (!own)
-    return ern_fail(t->shared.context, ERN_E_UNSUPPORTED,
-                    "%s: precision is bf16, expected fp32 for a head that is not trihash with channel attention", path);
-  return ern_fail(t->shared.context, ERN_E_UNSUPPORTED,
-                  "%s: precision is bf16, expected fp32 on the backend %s, %s: bf16 needs the cpu's instruction set "
-                  "avx512bf16",
-                  path, t->shared.backend->name, t->shared.backend->isa);
 }
 
 /* ---- memory ------------------------------------------------------------------------------------------------------ */
@@ -308,6 +248,7 @@ static ern_status take_host(ern_trainer *t) {
     ERN_TRY(ern_trainer_view(&t->shared, 0, i, &t->shared.views[i]));
   ERN_TRY(ern_trainer_head(&t->shared, t->shared.config.data_begin, &head)); /* so that an invalid one is found now */
   ERN_TRY(ern_trainer_poses_make(&t->poses, &t->fine));
+  t->state.poses = t->poses;
   ERN_TRY(ern_trainer_speech_make(&t->speech, &t->shared));
   ERN_TRY(ern_trainer_parts_make(&t->parts, &t->shared));
 fail:
@@ -320,7 +261,7 @@ static ern_status check_average(const ern_trainer *t) {
   const ern_train_config *c = &t->shared.config;
   const uint64_t every = c->ema_every, least = ERN_LEAST_EMA_UPDATES, done = t->shared.step / every,
                  updates = t->values.ema_updates + (c->iters > t->shared.step ? c->iters / every - done : 0);
-  if (!c->ema || t->output == NULL || c->seconds > 0 || updates >= least) return ERN_OK;
+  if (!c->ema || t->state.output == NULL || c->seconds > 0 || updates >= least) return ERN_OK;
   const uint64_t missing = least - t->values.ema_updates,
                  left = c->iters > t->shared.step ? c->iters - t->shared.step : 0;
   char shorter[64] = "";
@@ -355,18 +296,20 @@ static void name_features(ern_trainer *t) {
 static ern_status check_output(ern_trainer *t, bool resumed) {
   char before[ERN_ERROR_BYTES];
   ern_model *model = NULL;
-  t->run.keep = !resumed && !t->shared.config.overwrite;
+  t->state.run.keep = !resumed && !t->shared.config.overwrite;
   if (t->shared.config.overwrite) return ERN_OK;
-  if (!resumed) return ern_run_folder_check_free(t->shared.context, t->output, &t->run, t->shared.config.resume);
-  if (access(t->output, F_OK) != 0) return ERN_OK;
+  if (!resumed)
+    return ern_run_folder_check_free(t->shared.context, t->state.output, &t->state.run, t->shared.config.resume);
+  if (access(t->state.output, F_OK) != 0) return ERN_OK;
   ern_error_keep(t->shared.context, before);
-  const ern_status loaded = ern_model_load(&model, t->shared.context, t->output);
+  const ern_status loaded = ern_model_load(&model, t->shared.context, t->state.output);
   const bool clip = loaded == ERN_OK && strcmp(model->clip, t->shared.identity) == 0;
   const bool torso = loaded == ERN_OK && model->field.config.torso, own = clip && torso == t->shared.config.torso;
   ern_model_free(&model);
   ern_error_restore(t->shared.context, before);
   if (own || loaded == ERN_E_NO_MEMORY) return loaded;
-  return ern_fail(t->shared.context, ERN_E_EXISTS, "%s: is %s, and would be replaced; --overwrite does that", t->output,
+  return ern_fail(t->shared.context, ERN_E_EXISTS, "%s: is %s, and would be replaced; --overwrite does that",
+                  t->state.output,
                   !clip   ? "no model of this clip"
                   : torso ? "a portrait with a torso"
                           : "a head without a torso");
@@ -385,21 +328,21 @@ static ern_status fill(ern_trainer *t) {
     ERN_TRY(ern_trainer_mark(&t->occupancy));
     ERN_TRY(ern_trainer_list(&t->occupancy));
   }
-  if (t->shared.config.resume && t->output != NULL) {
-    ERN_TRY(ern_trainer_resume(t, &resumed));
+  if (t->shared.config.resume && t->state.output != NULL) {
+    ERN_TRY(ern_trainer_resume(&t->state, &resumed));
     ern_trainer_follow_time(&t->shared, t->shared.step);
     if (t->shared.step > t->shared.config.iters)
       ERN_TRY(ern_fail(t->shared.context, ERN_E_STATE,
                        "%s: the state is at step %" PRIu64 ", expected at most the %" PRIu64 " of --iters",
-                       t->run.folder, t->shared.step, t->shared.config.iters));
+                       t->state.run.folder, t->shared.step, t->shared.config.iters));
   }
-  if (t->output != NULL) ERN_TRY(check_output(t, resumed));
-  if (t->shared.config.resume && t->output != NULL && !resumed)
+  if (t->state.output != NULL) ERN_TRY(check_output(t, resumed));
+  if (t->shared.config.resume && t->state.output != NULL && !resumed)
     ern_log(t->shared.context, ERN_LOG_WARNING, "resume: nothing was saved in %s yet; starting at step 0",
-            t->run.folder);
-  if (!resumed && t->shared.config.from != NULL) ERN_TRY(ern_trainer_take_file(t, t->shared.config.from));
-  if (t->output != NULL && (!resumed || access(t->run.curve, F_OK) != 0))
-    ERN_TRY(ern_lines_add(t->shared.context, &t->run.curve_lines, "step,seconds,psnr\n"));
+            t->state.run.folder);
+  if (!resumed && t->shared.config.from != NULL) ERN_TRY(ern_trainer_take_file(&t->state, t->shared.config.from));
+  if (t->state.output != NULL && (!resumed || access(t->state.run.curve, F_OK) != 0))
+    ERN_TRY(ern_lines_add(t->shared.context, &t->state.run.curve_lines, "step,seconds,psnr\n"));
 fail:
   return status;
 }
@@ -431,7 +374,9 @@ ern_status ern_trainer_create_sized(ern_trainer **trainer, ern_backend *backend,
   t->shared.backend = backend;
   t->shared.data = data;
   t->shared.config = chosen;
-  t->run.lock = t->torso_run.lock = -1;
+  t->state = (struct ern_trainer_state){
+      .training = &t->shared, .values = &t->values, .occupancy = &t->occupancy, .fine = &t->fine, .run = {.lock = -1}};
+  t->torso_run.lock = -1;
   t->shared.communicator = (ern_communicator){.size = 1};
   if (chosen.communicator != NULL) t->shared.communicator = *chosen.communicator;
   t->shared.config.communicator = NULL;
@@ -440,21 +385,21 @@ ern_status ern_trainer_create_sized(ern_trainer **trainer, ern_backend *backend,
   if (data.identity != NULL) memcpy(t->shared.identity, data.identity, strlen(data.identity) + 1);
   if (data.fingerprint != NULL) memcpy(t->shared.fingerprint, data.fingerprint, strlen(data.fingerprint) + 1);
   ERN_TRY(make_model(t));
-  ERN_TRY(ern_trainer_choose_precision(t, "train", chosen.precision));
+  ERN_TRY(ern_trainer_choose_precision(&t->shared, "train", chosen.precision));
   ERN_TRY(backend->stream_make(backend, chosen.threads, &t->shared.stream));
   ERN_TRY(ern_trainer_values_make(&t->values, &t->shared));
   ERN_TRY(ern_trainer_occupancy_make(&t->occupancy, &t->shared, &t->speech));
   ERN_TRY(take_host(t));
   ERN_TRY(check_range(context, "scale", (double)t->shared.data.scale, ERN_LEAST_SCALE, ERN_MOST_SCALE));
   if (chosen.output != NULL) {
-    ERN_TRY(ern_string_copy(context, chosen.output, &t->output));
+    ERN_TRY(ern_string_copy(context, chosen.output, &t->state.output));
     if (!chosen.resume && chosen.from == NULL) ERN_TRY(check_average(t)); /* before the folder is made */
     if (chosen.torso_output != NULL) {
       ERN_TRY(ern_run_folder_reserve(context, chosen.torso_output, chosen.resume, chosen.overwrite, &t->torso_run));
       ERN_TRY(ern_run_folder_check_outside(context, &t->torso_run, chosen.from));
     }
-    ERN_TRY(ern_run_folder_open(context, t->output, &t->run));
-    ERN_TRY(ern_run_folder_check_outside(context, &t->run, chosen.from));
+    ERN_TRY(ern_run_folder_open(context, t->state.output, &t->state.run));
+    ERN_TRY(ern_run_folder_check_outside(context, &t->state.run, chosen.from));
   }
   if (chosen.output != NULL || t->shared.communicator.size > 1) name_features(t);
   ERN_TRY(fill(t));
@@ -464,7 +409,7 @@ ern_status ern_trainer_create_sized(ern_trainer **trainer, ern_backend *backend,
   t->occupancy.pruned = t->occupancy.pruned &&
                         ern_trainer_prune_due(&t->fine); /* a training that is resumed for longer refreshes again */
   ERN_TRY(check_average(t));
-  t->shared.config.output = t->output;
+  t->shared.config.output = t->state.output;
   t->shared.config.from = t->shared.config.torso_output =
       NULL; /* the caller's texts and head are no longer used, only copies */
   t->shared.config.head = NULL;
@@ -479,7 +424,7 @@ void ern_trainer_free(ern_trainer **trainer) {
   if (trainer == NULL || *trainer == NULL) return;
   ern_trainer *t = *trainer;
   *trainer = NULL;
-  ern_run_folder_close(t->shared.context, &t->run);
+  ern_run_folder_close(t->shared.context, &t->state.run);
   ern_run_folder_close(t->shared.context, &t->torso_run);
   t->shared.backend->buffer_free(t->shared.backend, t->values.reals);
   ern_trainer_occupancy_free(&t->occupancy, t->shared.backend);
@@ -491,7 +436,7 @@ void ern_trainer_free(ern_trainer **trainer) {
   ern_trainer_poses_free(&t->poses);
   ern_trainer_parts_free(&t->parts, t->shared.context);
   ern_release(t->shared.context, t->shared.views);
-  ern_release(t->shared.context, t->output);
+  ern_release(t->shared.context, t->state.output);
   ern_model_free(&t->shared.model);
   ern_release(t->shared.context, t);
 }

@@ -21,11 +21,11 @@ int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t count) {
   bool resumed = false;
   if (trainer == NULL) make(&m, &trainer);
   if (count > 0 && bytes[0] == '{')
-    fuzz_header_file(trainer->run.state, bytes, count);
+    fuzz_header_file(trainer->state.run.state, bytes, count);
   else
-    fuzz_file(trainer->run.state, bytes, count);
-  if (ern_trainer_resume(trainer, &resumed) != ERN_OK) {
-    fuzz_refused(m.context, trainer->run.state);
+    fuzz_file(trainer->state.run.state, bytes, count);
+  if (ern_trainer_resume(&trainer->state, &resumed) != ERN_OK) {
+    fuzz_refused(m.context, trainer->state.run.state);
     FUZZ_REQUIRE(!resumed);
     return 0;
   }
