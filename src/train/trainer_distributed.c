@@ -7,45 +7,44 @@
 #include "train/trainer.h"
 
 /* Compares a text with rank 0's. */
-static ern_status check_same(ern_trainer *t, const char *what, const char *own) {
+static ern_status check_same(const struct ern_training *t, const char *what, const char *own) {
   char first[512] = "";
   snprintf(first, sizeof first, "%s", own);
-  const ern_status status = ern_trainer_broadcast(&t->shared, first, sizeof first);
+  const ern_status status = ern_trainer_broadcast(t, first, sizeof first);
   if (status != ERN_OK || strcmp(own, first) == 0) return status;
-  return ern_fail(t->shared.context, ERN_E_MISMATCH, "train: rank %d has %s%s; rank 0 has %s, expected the same",
-                  t->shared.communicator.rank, what, own, first);
+  return ern_fail(t->context, ERN_E_MISMATCH, "train: rank %d has %s%s; rank 0 has %s, expected the same",
+                  t->communicator.rank, what, own, first);
 }
 
 /* Checks what must be the same in all processes, except the numbers that rank 0 sends to all (share_numbers): the
  * instruction set too, as each rounds differently. */
-static ern_status check_same_training(ern_trainer *t) {
+static ern_status check_same_training(const struct ern_training *t) {
   char own[512], words[64];
   const ern_setting *s;
   snprintf(own, sizeof own, "backend %s (%s), clip %.12s, speech %.12s, %s of %zu parameters%s, loss of patches %s",
-           t->shared.backend->name, t->shared.backend->isa, t->shared.identity, t->shared.features,
-           t->shared.config.torso ? "torso" : "head", t->shared.model->field.parameters,
-           t->shared.data.head != NULL ? " with ern_dataset.head" : "", ern_trainer_fine_name(&t->shared));
+           t->backend->name, t->backend->isa, t->identity, t->features, t->config.torso ? "torso" : "head",
+           t->model->field.parameters, t->data.head != NULL ? " with ern_dataset.head" : "", ern_trainer_fine_name(t));
   ern_status status = check_same(t, "", own);
   for (size_t i = 0; (s = ern_train_setting(i)) != NULL && status == ERN_OK; i++) {
     if (!s->same_everywhere) continue;
     snprintf(words, sizeof words, "%s ", s->name);
-    ern_setting_write(s, &t->shared.config, own);
+    ern_setting_write(s, &t->config, own);
     status = check_same(t, words, own);
   }
   return status;
 }
 
 /* Copies values on the backend from rank 0 to all. */
-static ern_status share_reals(ern_trainer *t, ern_span values) {
+static ern_status share_reals(const struct ern_training *t, ern_span values) {
   float *host = NULL;
-  ern_status status = ERN_NEW(t->shared.context, values.count, &host);
+  ern_status status = ERN_NEW(t->context, values.count, &host);
   if (status != ERN_OK) return status;
-  ERN_TRY(t->shared.backend->download_reals(t->shared.stream, host, values, values.count));
-  ERN_TRY(ern_trainer_broadcast(&t->shared, host, values.count * sizeof *host));
-  ERN_TRY(t->shared.backend->upload_reals(t->shared.stream, values, host, values.count));
-  ERN_TRY(t->shared.backend->synchronize(t->shared.stream));
+  ERN_TRY(t->backend->download_reals(t->stream, host, values, values.count));
+  ERN_TRY(ern_trainer_broadcast(t, host, values.count * sizeof *host));
+  ERN_TRY(t->backend->upload_reals(t->stream, values, host, values.count));
+  ERN_TRY(t->backend->synchronize(t->stream));
 fail:
-  ern_release(t->shared.context, host);
+  ern_release(t->context, host);
   return status;
 }
 
@@ -96,15 +95,15 @@ ern_status ern_trainer_share_state(ern_trainer *t) {
   const ern_span values[] = {t->shared.parameters, t->values.second_moment, t->values.average};
   ern_status status = ERN_OK;
   if (t->shared.communicator.size == 1) return ERN_OK;
-  ERN_TRY(check_same_training(t));
+  ERN_TRY(check_same_training(&t->shared));
   ERN_TRY(share_numbers(t));
-  for (size_t i = 0; i < sizeof values / sizeof *values; i++) ERN_TRY(share_reals(t, values[i]));
+  for (size_t i = 0; i < sizeof values / sizeof *values; i++) ERN_TRY(share_reals(&t->shared, values[i]));
   ERN_TRY(share_bits(t));
   ERN_TRY(share_poses(t));
   if (t->shared.config.torso) {
-    ERN_TRY(share_reals(t, t->occupancy.torso_grid));
+    ERN_TRY(share_reals(&t->shared, t->occupancy.torso_grid));
   } else {
-    ERN_TRY(share_reals(t, t->occupancy.grid));
+    ERN_TRY(share_reals(&t->shared, t->occupancy.grid));
     ERN_TRY(ern_trainer_list(&t->occupancy));
   }
 fail:

@@ -93,41 +93,38 @@ static ern_status check_name(ern_context *context, const char *what, const char 
                   strlen(name) > most ? "longer" : "no UTF-8", most);
 }
 
-static ern_status check_data(ern_trainer *t) {
-  const ern_dataset *d = &t->shared.data;
-  ern_train_config *c = &t->shared.config;
+static ern_status check_data(struct ern_training *t) {
+  const ern_dataset *d = &t->data;
+  ern_train_config *c = &t->config;
   if (d->frames[0] < 1 || d->frames[0] > UINT32_MAX || d->frame == NULL || d->pixels == NULL || d->features == NULL ||
       d->background == NULL)
-    return ern_fail(t->shared.context, ERN_E_ARGUMENT,
-                    "train: the data lacks frames, features, a background or a callback");
+    return ern_fail(t->context, ERN_E_ARGUMENT, "train: the data lacks frames, features, a background or a callback");
   if (d->width < 1 || d->height < 1 || d->width > 8192 || d->height > 8192 || !(d->focal > 0) || !isfinite(d->focal) ||
       !isfinite(d->cx) || !isfinite(d->cy))
-    return ern_fail(t->shared.context, ERN_E_ARGUMENT, "train: the camera is %d x %d, focal %g, centre %g, %g",
-                    d->width, d->height, d->focal, d->cx, d->cy);
+    return ern_fail(t->context, ERN_E_ARGUMENT, "train: the camera is %d x %d, focal %g, centre %g, %g", d->width,
+                    d->height, d->focal, d->cx, d->cy);
   if (c->data_end == 0) c->data_end = d->frames[0];
   if (c->data_begin >= c->data_end || c->data_end > d->frames[0])
-    return ern_fail(t->shared.context, ERN_E_ARGUMENT, "train: the frames %zu to %zu are asked for, there are %zu",
+    return ern_fail(t->context, ERN_E_ARGUMENT, "train: the frames %zu to %zu are asked for, there are %zu",
                     c->data_begin, c->data_end, d->frames[0]);
   if (c->torso && !d->has_torso)
-    return ern_fail(t->shared.context, ERN_E_MISSING,
+    return ern_fail(t->context, ERN_E_MISSING,
                     "train: the clip has no torso images (torso_imgs), so no torso can be learnt");
   if (!c->torso && c->eye_attention == ERN_EYE_ATTENTION_CONCAT && !d->has_eye)
-    return ern_fail(t->shared.context, ERN_E_MISSING,
+    return ern_fail(t->context, ERN_E_MISSING,
                     "train: the eye attention is %s, but the clip has no eye values (au.csv) for it",
                     ern_eye_attention_name(c->eye_attention));
   if (c->codes < 0) c->codes = (int)d->frames[0];
   if (c->codes > 0 && (size_t)c->codes < d->frames[0])
-    return ern_fail(t->shared.context, ERN_E_ARGUMENT,
+    return ern_fail(t->context, ERN_E_ARGUMENT,
                     "train: %d individual codes for %zu training frames, expected at least as many", c->codes,
                     d->frames[0]);
-  ern_status status =
-      check_name(t->shared.context, "kind of the speech", d->speech, sizeof t->shared.model->speech - 1);
-  if (status == ERN_OK) status = check_name(t->shared.context, "identity", d->identity, sizeof t->shared.identity - 1);
-  if (status == ERN_OK)
-    status = check_name(t->shared.context, "fingerprint", d->fingerprint, sizeof t->shared.fingerprint - 1);
-  if (status == ERN_OK) status = check_name(t->shared.context, "consent", c->consent, ERN_CONSENT_BYTES - 1);
-  if (status == ERN_OK) status = ern_features_check(t->shared.context, "train", d->features);
-  return status == ERN_OK ? check_all_features(t->shared.context, d) : status;
+  ern_status status = check_name(t->context, "kind of the speech", d->speech, sizeof t->model->speech - 1);
+  if (status == ERN_OK) status = check_name(t->context, "identity", d->identity, sizeof t->identity - 1);
+  if (status == ERN_OK) status = check_name(t->context, "fingerprint", d->fingerprint, sizeof t->fingerprint - 1);
+  if (status == ERN_OK) status = check_name(t->context, "consent", c->consent, ERN_CONSENT_BYTES - 1);
+  if (status == ERN_OK) status = ern_features_check(t->context, "train", d->features);
+  return status == ERN_OK ? check_all_features(t->context, d) : status;
 }
 
 /* ---- model ------------------------------------------------------------------------------------------------------- */
@@ -139,50 +136,50 @@ static int levels_of(const ern_train_config *config) {
   return config->levels > 0 ? config->levels : known ? own[config->backbone] : 0;
 }
 
-static struct ern_model_config head_config(const ern_trainer *t) {
-  return (struct ern_model_config){.backbone = t->shared.config.backbone,
-                                   .attention = t->shared.config.attention,
-                                   .eye_attention = t->shared.config.eye_attention,
-                                   .levels = levels_of(&t->shared.config),
-                                   .feature_width = t->shared.data.features->width,
-                                   .window_length = t->shared.data.features->window_length,
+static struct ern_model_config head_config(const struct ern_training *t) {
+  return (struct ern_model_config){.backbone = t->config.backbone,
+                                   .attention = t->config.attention,
+                                   .eye_attention = t->config.eye_attention,
+                                   .levels = levels_of(&t->config),
+                                   .feature_width = t->data.features->width,
+                                   .window_length = t->data.features->window_length,
                                    .head = true,
-                                   .eye = t->shared.data.has_eye,
-                                   .no_view = t->shared.config.no_view,
-                                   .codes = t->shared.config.codes,
-                                   .bound = t->shared.config.bound};
+                                   .eye = t->data.has_eye,
+                                   .no_view = t->config.no_view,
+                                   .codes = t->config.codes,
+                                   .bound = t->config.bound};
 }
 
-static ern_status check_head(const ern_trainer *t, const ern_model *head) {
-  if (head->field.config.feature_width != t->shared.data.features->width)
-    return ern_fail(t->shared.context, ERN_E_MISMATCH, "train: the head takes features %d wide, the clip's are %d wide",
-                    head->field.config.feature_width, t->shared.data.features->width);
+static ern_status check_head(const struct ern_training *t, const ern_model *head) {
+  if (head->field.config.feature_width != t->data.features->width)
+    return ern_fail(t->context, ERN_E_MISMATCH, "train: the head takes features %d wide, the clip's are %d wide",
+                    head->field.config.feature_width, t->data.features->width);
   const int length = head->field.config.window_length;
-  if (length > 0 && length != t->shared.data.features->window_length)
-    return ern_fail(t->shared.context, ERN_E_MISMATCH,
+  if (length > 0 && length != t->data.features->window_length)
+    return ern_fail(t->context, ERN_E_MISMATCH,
                     "train: the head was trained on windows of %d vectors of speech, the clip's have %d", length,
-                    t->shared.data.features->window_length);
+                    t->data.features->window_length);
   /* The torso's own shrink is chosen anew. */
-  const ern_status status = ern_trainer_check_view(&t->shared, "the head", &head->view, false, true);
+  const ern_status status = ern_trainer_check_view(t, "the head", &head->view, false, true);
   if (status != ERN_OK) return status;
   if (head->clip[0] == 0)
-    ern_log(t->shared.context, ERN_LOG_WARNING, "train: the head's file does not say which clip it is of");
-  if (ern_trainer_is_foreign(&t->shared, head)) {
-    if (!t->shared.config.force)
-      return ern_fail(t->shared.context, ERN_E_MISMATCH,
+    ern_log(t->context, ERN_LOG_WARNING, "train: the head's file does not say which clip it is of");
+  if (ern_trainer_is_foreign(t, head)) {
+    if (!t->config.force)
+      return ern_fail(t->context, ERN_E_MISMATCH,
                       "train: the head was trained on another clip (%.12s..., this one is %.12s...)", head->clip,
-                      t->shared.identity);
-    ern_log(t->shared.context, ERN_LOG_WARNING, "train: the head was trained on another clip%s",
+                      t->identity);
+    ern_log(t->context, ERN_LOG_WARNING, "train: the head was trained on another clip%s",
             head->cameras > 0 ? "; its pose corrections are of that clip's frames, and are left out" : "");
   }
   return ERN_OK;
 }
 
 /* Kind and network of the speech features, into the model; a torso takes them from its head. */
-static ern_status take_speech(ern_trainer *t) {
-  ern_model *model = t->shared.model;
-  const ern_model *head = t->shared.config.torso ? t->shared.config.head : NULL;
-  const char *kind = t->shared.data.speech, *network = t->shared.data.speech_network;
+static ern_status take_speech(struct ern_training *t) {
+  ern_model *model = t->model;
+  const ern_model *head = t->config.torso ? t->config.head : NULL;
+  const char *kind = t->data.speech, *network = t->data.speech_network;
   struct ern_speech_description description;
   if (head != NULL) {
     memcpy(model->speech, head->speech, sizeof model->speech);
@@ -191,47 +188,44 @@ static ern_status take_speech(ern_trainer *t) {
   }
   if (kind != NULL) snprintf(model->speech, sizeof model->speech, "%s", kind);
   if (network == NULL || network[0] == 0) return ERN_OK;
-  const ern_status status =
-      ern_speech_description_parse(t->shared.context, "train: speech_network", network, &description);
+  const ern_status status = ern_speech_description_parse(t->context, "train: speech_network", network, &description);
   if (status == ERN_E_FORMAT) return ERN_E_ARGUMENT; /* the caller's text; the error is already recorded */
   if (status != ERN_OK) return status;
   if (kind == NULL || strcmp(kind, description.kind) != 0)
-    return ern_fail(t->shared.context, ERN_E_ARGUMENT, "train: the speech is of the kind %s, and its network of %s",
+    return ern_fail(t->context, ERN_E_ARGUMENT, "train: the speech is of the kind %s, and its network of %s",
                     kind != NULL ? kind : "NULL", description.kind);
-  return ern_speech_description_text(t->shared.context, &description, model->speech_network);
+  return ern_speech_description_text(t->context, &description, model->speech_network);
 }
 
-static ern_status make_model(ern_trainer *t) {
+static ern_status make_model(struct ern_training *t) {
   struct ern_model_config config = head_config(t);
   ern_status status = ERN_OK;
-  if (t->shared.config.torso && t->shared.config.head != NULL) {
-    ERN_TRY(check_head(t, t->shared.config.head));
-    config = t->shared.config.head->field.config;
-    config.window_length = t->shared.data.features->window_length;
-    t->shared.config.bound = config.bound;
-    if (config.codes > 0 && (size_t)config.codes < t->shared.data.frames[0])
-      config.codes = (int)t->shared.data.frames[0];
+  if (t->config.torso && t->config.head != NULL) {
+    ERN_TRY(check_head(t, t->config.head));
+    config = t->config.head->field.config;
+    config.window_length = t->data.features->window_length;
+    t->config.bound = config.bound;
+    if (config.codes > 0 && (size_t)config.codes < t->data.frames[0]) config.codes = (int)t->data.frames[0];
   }
-  if (t->shared.config.torso) {
+  if (t->config.torso) {
     config.torso = true;
-    config.torso_gamma = t->shared.config.torso_gamma;
+    config.torso_gamma = t->config.torso_gamma;
   }
-  ERN_TRY(ern_model_make(&t->shared.model, t->shared.context, &config));
-  t->shared.model->view = ern_trainer_view_settings(&t->shared);
-  memcpy(t->shared.model->clip, t->shared.identity, sizeof t->shared.model->clip);
-  t->shared.model->dub = t->shared.config.torso ? t->shared.config.head != NULL && t->shared.config.head->dub
-                                                : t->shared.config.ray_sampling == ERN_RAY_SAMPLING_DUB;
+  ERN_TRY(ern_model_make(&t->model, t->context, &config));
+  t->model->view = ern_trainer_view_settings(t);
+  memcpy(t->model->clip, t->identity, sizeof t->model->clip);
+  t->model->dub =
+      t->config.torso ? t->config.head != NULL && t->config.head->dub : t->config.ray_sampling == ERN_RAY_SAMPLING_DUB;
   ERN_TRY(take_speech(t));
-  if (t->shared.config.consent != NULL)
-    snprintf(t->shared.model->consent, sizeof t->shared.model->consent, "%s", t->shared.config.consent);
-  else if (t->shared.config.head != NULL)
-    ern_trainer_keep_consent(&t->shared, t->shared.config.head);
-  ern_parameters_init(t->shared.model->block, &t->shared.model->table, t->shared.config.torso, t->shared.config.seed);
-  if (t->shared.config.torso && t->shared.config.head != NULL) {
-    ern_trainer_copy_rows(t->shared.model, t->shared.config.head, false);
-    if (!ern_trainer_is_foreign(&t->shared, t->shared.config.head))
-      ERN_TRY(ern_trainer_copy_camera(t->shared.model, t->shared.config.head));
-    ern_trainer_log_codes(&t->shared, "the head", t->shared.config.head->field.config.codes);
+  if (t->config.consent != NULL)
+    snprintf(t->model->consent, sizeof t->model->consent, "%s", t->config.consent);
+  else if (t->config.head != NULL)
+    ern_trainer_keep_consent(t, t->config.head);
+  ern_parameters_init(t->model->block, &t->model->table, t->config.torso, t->config.seed);
+  if (t->config.torso && t->config.head != NULL) {
+    ern_trainer_copy_rows(t->model, t->config.head, false);
+    if (!ern_trainer_is_foreign(t, t->config.head)) ERN_TRY(ern_trainer_copy_camera(t->model, t->config.head));
+    ern_trainer_log_codes(t, "the head", t->config.head->field.config.codes);
   }
 fail:
   return status;
@@ -274,20 +268,19 @@ static ern_status check_average(const ern_trainer *t) {
 }
 
 /* The SHA-256 of the speech features; with data augmentation, also over its settings and each copy. */
-static void name_features(ern_trainer *t) {
-  const ern_features *f = t->shared.data.features;
+static void name_features(struct ern_training *t) {
+  const ern_features *f = t->data.features;
   const size_t bytes = f->windows * (size_t)f->window_length * (size_t)f->width * sizeof(float);
   char text[160], copy[65];
-  ern_sha256_hex(f->data, bytes, t->shared.features);
-  for (size_t k = 0; k < t->shared.data.copy_count; k++) {
-    ern_sha256_hex(t->shared.data.copies[k].data, bytes, copy);
-    const int length =
-        ern_format(text, sizeof text, "%s%s%a", t->shared.features, copy, (double)t->shared.data.copy_share);
-    ern_sha256_hex(text, (size_t)length, t->shared.features);
+  ern_sha256_hex(f->data, bytes, t->features);
+  for (size_t k = 0; k < t->data.copy_count; k++) {
+    ern_sha256_hex(t->data.copies[k].data, bytes, copy);
+    const int length = ern_format(text, sizeof text, "%s%s%a", t->features, copy, (double)t->data.copy_share);
+    ern_sha256_hex(text, (size_t)length, t->features);
   }
-  if (t->shared.data.speech_noise > 0) {
-    const int length = ern_format(text, sizeof text, "%s%a", t->shared.features, (double)t->shared.data.speech_noise);
-    ern_sha256_hex(text, (size_t)length, t->shared.features);
+  if (t->data.speech_noise > 0) {
+    const int length = ern_format(text, sizeof text, "%s%a", t->features, (double)t->data.speech_noise);
+    ern_sha256_hex(text, (size_t)length, t->features);
   }
 }
 
@@ -381,10 +374,10 @@ ern_status ern_trainer_create_sized(ern_trainer **trainer, ern_backend *backend,
   if (chosen.communicator != NULL) t->shared.communicator = *chosen.communicator;
   t->shared.config.communicator = NULL;
   ERN_TRY(ern_trainer_fine_take(&t->fine, &t->shared));
-  ERN_TRY(check_data(t));
+  ERN_TRY(check_data(&t->shared));
   if (data.identity != NULL) memcpy(t->shared.identity, data.identity, strlen(data.identity) + 1);
   if (data.fingerprint != NULL) memcpy(t->shared.fingerprint, data.fingerprint, strlen(data.fingerprint) + 1);
-  ERN_TRY(make_model(t));
+  ERN_TRY(make_model(&t->shared));
   ERN_TRY(ern_trainer_choose_precision(&t->shared, "train", chosen.precision));
   ERN_TRY(backend->stream_make(backend, chosen.threads, &t->shared.stream));
   ERN_TRY(ern_trainer_values_make(&t->values, &t->shared));
@@ -401,7 +394,7 @@ ern_status ern_trainer_create_sized(ern_trainer **trainer, ern_backend *backend,
     ERN_TRY(ern_run_folder_open(context, t->state.output, &t->state.run));
     ERN_TRY(ern_run_folder_check_outside(context, &t->state.run, chosen.from));
   }
-  if (chosen.output != NULL || t->shared.communicator.size > 1) name_features(t);
+  if (chosen.output != NULL || t->shared.communicator.size > 1) name_features(&t->shared);
   ERN_TRY(fill(t));
   ERN_TRY(ern_trainer_share_state(t));
   ERN_TRY(ern_trainer_fine_begin(&t->fine));

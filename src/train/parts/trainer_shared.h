@@ -45,4 +45,6 @@ void ern_trainer_follow_time(struct ern_training *t, uint64_t least);
 /* Seconds of the training so far, all runs together. */
 static inline double ern_trainer_spent(const struct ern_training *t) { return t->seconds + t->beside; }
 
+double ern_trainer_clock(void); /* seconds, from any beginning */
+
 #endif
