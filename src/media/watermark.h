@@ -34,7 +34,8 @@ double ern_watermark_scale(int index);
  * wave. */
 typedef float ern_watermark_spectrum[ERN_WATERMARK_WAVES][2];
 
-/* By OpenCV. mean: [height][width], 0..255; both sides at least LEAST. spectra: [count], of scales[count]. */
+/* By OpenCV. mean: [height][width], 0..255; both sides at least LEAST. spectra: [count], of scales[count],
+ * the smallest first. */
 ERN_NODISCARD ern_status ern_watermark_spectra(ern_context *context, const float *mean, int width, int height,
                                                const double *scales, size_t count, ern_watermark_spectrum *spectra);
 /* *score: over all offsets the greatest of sqrt(2/n) Re sum_k spectrum_k conj(code_k/sqrt 2) e^(i offset k), n the

@@ -20,10 +20,10 @@ int odd(int length, int least) { return std::max(length / 2 * 2 + 1, least); }
 /* Suppresses the picture's content (whitening): subtracts a blur of about the longest wave, divides by the local RMS
  * (sizes relative to the shorter side), and clamps to -1..1, so that edges do not dominate. The shorter side becomes at
  * most that of the smallest scale's grid. */
-cv::Mat flatten(const cv::Mat &mean) {
+cv::Mat flatten(const cv::Mat &mean, double smallest) {
   constexpr double blur = 0.03, neighbourhood = 0.083;
   constexpr float least = 0.3F; /* of 255: rounding noise of 8 bits */
-  const int side = std::min(mean.cols, mean.rows), most = (int)std::ceil(cells / ern_watermark_scale(0));
+  const int side = std::min(mean.cols, mean.rows), most = (int)std::ceil(cells / smallest);
   const cv::Size window(odd((int)(blur * side), 5), odd((int)(blur * side), 5));
   const cv::Size around(odd((int)(neighbourhood * side), 7), odd((int)(neighbourhood * side), 7));
   cv::Mat low, rms, small;
@@ -109,7 +109,7 @@ extern "C" ern_status ern_watermark_spectra(ern_context *context, const float *m
   try {
     struct ern_watermark_waves list;
     ern_watermark_list(&list);
-    const cv::Mat flat = flatten(cv::Mat(height, width, CV_32F, const_cast<float *>(mean)));
+    const cv::Mat flat = flatten(cv::Mat(height, width, CV_32F, const_cast<float *>(mean)), scales[0]);
     for (size_t i = 0; i < count; i++) take_waves(fold(flat, scales[i]), list, spectra[i]);
     return ERN_OK;
   } catch (...) {

@@ -54,7 +54,7 @@ static void describe(const ern_model *model, ern_model_info *info) {
                            .window_length = config->window_length,
                            .codes = config->codes,
                            .bound = config->bound,
-                           .has_view_settings = model->view.said,
+                           .has_view_settings = model->view.is_set,
                            .max_steps = model->view.max_steps,
                            .dt_gamma = model->view.dt_gamma,
                            .torso_shrink = model->view.torso_shrink,
@@ -176,35 +176,4 @@ void ern_model_tensors(const ern_model *model, struct ern_model_tensors *out) {
     add_tensor(out, "camera_dT", ERN_F32, 2, model->cameras, 3, 0, model->camera + 3 * model->cameras);
     add_tensor(out, "camera_unseen", ERN_F32, 2, ERN_POSE_REGRESSION_ROWS, ERN_POSE_NUMBERS, 0, &model->unseen);
   }
-}
-
-ern_status ern_model_write(const ern_model *model, const char *path, enum ern_existing existing) {
-  struct ern_model_tensors *tensors = NULL;
-  char *json = NULL;
-  ern_status status = ERN_NEW(model->context, 1, &tensors);
-  if (status != ERN_OK) return status;
-  ern_model_tensors(model, tensors);
-  ERN_TRY(ern_model_metadata(model, &json));
-  const struct ern_metadata metadata[] = {{"format", "ernerf"}, {"ernerf", json}};
-  status = ern_safetensors_write(model->context, path, tensors->tensor, tensors->count, metadata, 2, existing);
-fail:
-  ern_release(model->context, json);
-  ern_release(model->context, tensors);
-  return status;
-}
-
-ern_status ern_model_check_name(ern_context *context, const char *path) {
-  static const char ending[] = ".safetensors";
-  const size_t length = strlen(path), tail = sizeof ending - 1;
-  if (length >= tail && strcmp(path + length - tail, ending) == 0) return ERN_OK;
-  return ern_fail(context, ERN_E_ARGUMENT, "%s: expected a name that ends in .safetensors, as the file has that format",
-                  path);
-}
-
-ern_status ern_model_save(const ern_model *model, const char *path) {
-  ERN_PLAIN_FLOATS;
-  ERN_NEED(NULL, model);
-  ERN_NEED(model->context, path);
-  const ern_status status = ern_model_check_name(model->context, path);
-  return status == ERN_OK ? ern_model_write(model, path, ERN_EXISTING_BY_CONTEXT) : status;
 }

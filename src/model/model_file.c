@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * Loads a model from a file: the configuration from our metadata or from names and shapes, then every tensor, with
- * strict checks. */
+ * Saves a model, and loads one from a file: the configuration from our metadata or from names and shapes, then every
+ * tensor, with strict checks. */
 #include <jansson.h>
 #include <math.h>
 #include <stdio.h>
@@ -41,7 +41,7 @@ ern_status ern_model_metadata(const ern_model *model, char **json) {
       c->window_length, "eye", c->eye, "view", !c->no_view, "torso", c->torso, "torso_gamma", c->torso_gamma, "codes",
       c->codes, "bound", (double)c->bound, "head_steps", (json_int_t)model->head_steps, "torso_steps",
       (json_int_t)model->torso_steps, "speech", model->speech, "clip", model->clip, "consent", model->consent);
-  if (root != NULL && ((model->view.said && !put_view(root, &model->view)) || !put_speech_network(root, model) ||
+  if (root != NULL && ((model->view.is_set && !put_view(root, &model->view)) || !put_speech_network(root, model) ||
                        (model->dub && json_object_set_new(root, "dub", json_true()) != 0))) {
     json_decref(root);
     root = NULL;
@@ -52,6 +52,37 @@ ern_status ern_model_metadata(const ern_model *model, char **json) {
   const ern_status status = ern_string_copy(model->context, text, json);
   free(text);
   return status;
+}
+
+ern_status ern_model_write(const ern_model *model, const char *path, enum ern_existing existing) {
+  struct ern_model_tensors *tensors = NULL;
+  char *json = NULL;
+  ern_status status = ERN_NEW(model->context, 1, &tensors);
+  if (status != ERN_OK) return status;
+  ern_model_tensors(model, tensors);
+  ERN_TRY(ern_model_metadata(model, &json));
+  const struct ern_metadata metadata[] = {{"format", "ernerf"}, {"ernerf", json}};
+  status = ern_safetensors_write(model->context, path, tensors->tensor, tensors->count, metadata, 2, existing);
+fail:
+  ern_release(model->context, json);
+  ern_release(model->context, tensors);
+  return status;
+}
+
+ern_status ern_model_check_name(ern_context *context, const char *path) {
+  static const char ending[] = ".safetensors";
+  const size_t length = strlen(path), tail = sizeof ending - 1;
+  if (length >= tail && strcmp(path + length - tail, ending) == 0) return ERN_OK;
+  return ern_fail(context, ERN_E_ARGUMENT, "%s: expected a name that ends in .safetensors, as the file has that format",
+                  path);
+}
+
+ern_status ern_model_save(const ern_model *model, const char *path) {
+  ERN_PLAIN_FLOATS;
+  ERN_NEED(NULL, model);
+  ERN_NEED(model->context, path);
+  const ern_status status = ern_model_check_name(model->context, path);
+  return status == ERN_OK ? ern_model_write(model, path, ERN_EXISTING_BY_CONTEXT) : status;
 }
 
 static void shape_text(char *text, size_t bytes, int dims, const size_t *shape) {

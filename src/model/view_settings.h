@@ -7,7 +7,7 @@
 #include "ernerf/model.h"
 
 struct ern_view_settings {
-  bool said;          /* set from the file or by a training; else these are the defaults */
+  bool is_set;        /* set from the file or by a training; else these are the defaults */
   int max_steps;      /* samples a ray at most, 1..ERN_MAX_STEPS */
   float dt_gamma;     /* step growth with distance, 0..1 */
   float torso_shrink; /* ERN_LEAST_SHRINK..1 */

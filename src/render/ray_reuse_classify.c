@@ -6,6 +6,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "render/picture_ops.h"
 #include "render/ray_reuse.h"
 #include "render/tile_culling_ops.h"
 
@@ -13,6 +14,47 @@ enum {
   MARCHED = 1 << 14,    /* rays marched at once */
   MOST_VALUES = 1 << 26 /* values kept, 256 MiB: a view with more is rendered in full */
 };
+
+/* ---- some of the rays ---------------------------------------------------------------------------------------------
+ */
+
+ern_status ern_ray_reuse_render(ern_renderer *r, const struct ern_render_rays_args *all, ern_span list, ern_span ray,
+                                struct ern_render_rays_args *some) {
+  const size_t n = list.count;
+  const ern_span *const from[] = {&all->opacity, &all->depth, &all->attention, &all->eye};
+  ern_span *const to[] = {&some->opacity, &some->depth, &some->attention, &some->eye};
+  ern_status status = ERN_OK;
+  *some = *all;
+  some->n = n;
+  some->pixel_number = ray;
+  ERN_TRY(ern_scratch_take_rows(r->stream, 3, n, &some->pixel));
+  if (all->colour.span.buffer != NULL) ERN_TRY(ern_scratch_take_rows(r->stream, 3, n, &some->colour));
+  for (size_t k = 0; k < sizeof from / sizeof *from; k++)
+    if (from[k]->buffer != NULL) ERN_TRY(ern_scratch_take(r->stream, ERN_ELEMENT_REAL, n, to[k]));
+  ERN_TRY(ern_scratch_take_rows(r->stream, 3, n, &some->background)); /* rows of rays have one stride */
+  struct ern_gather_args gather = {.to = some->background, .from = all->background, .pixel = list, .n = n};
+  ERN_TRY(r->backend->gather(r->stream, &gather));
+  status = r->backend->render_rays(r->stream, some);
+fail:
+  return status;
+}
+
+static ern_rows one_row(ern_span span) { return (ern_rows){span, span.count, 1, ERN_PER_SAMPLE}; }
+
+size_t ern_ray_reuse_rows(ern_rows rows[ERN_RAY_REUSE_CHANNELS], const ern_renderer *r,
+                          const struct ern_render_rays_args *args) {
+  const ern_span wanted[] = {args->opacity, args->depth, args->attention,
+                             r->field.config.eye ? args->eye : (ern_span){0}};
+  const ern_rows colour = args->colour.span.buffer != NULL ? args->colour : args->pixel;
+  size_t count = 0;
+  while (count < 3) {
+    rows[count] = ern_rows_part(colour, (int)count, 1);
+    count++;
+  }
+  for (size_t k = 0; k < sizeof wanted / sizeof *wanted; k++)
+    if (wanted[k].buffer != NULL) rows[count++] = one_row(wanted[k]);
+  return count;
+}
 
 /* The pixels of a view whose rays have samples. */
 struct sorting {

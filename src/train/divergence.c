@@ -14,8 +14,8 @@ bool ern_divergence_step(struct ern_divergence *d, double psnr) {
   d->mean += (psnr - d->mean) / (double)(d->steps < MEMORY ? d->steps : MEMORY);
   if (d->steps == 1) d->best = psnr - chance;
   if (d->steps >= FIRST_MEAN) d->best = fmax(d->best, d->mean);
-  if (d->told && d->mean > d->best - recovered) d->told = false;
-  if (d->told || d->steps < FIRST || d->mean > d->best - fallen) return false;
-  d->told = true;
+  if (d->reported && d->mean > d->best - recovered) d->reported = false;
+  if (d->reported || d->steps < FIRST || d->mean > d->best - fallen) return false;
+  d->reported = true;
   return true;
 }

@@ -10,7 +10,7 @@
 struct ern_divergence {
   uint64_t steps;    /* counted so far */
   double mean, best; /* dB: mean over about the last 32 steps; its highest, at least the first step's minus 3 */
-  bool told;
+  bool reported;     /* the fall */
 };
 
 /* Adds a step's PSNR, in dB, over 64 rays or more. Returns true from the 64th step on where the mean is 6 dB or more

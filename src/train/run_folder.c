@@ -1,5 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * The run folder X.run: its lock, paths, log and curve. */
+#include "train/run_folder.h"
+
 #include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
@@ -14,7 +16,6 @@
 #include "core/format.h"
 #include "core/memory.h"
 #include "io/file.h"
-#include "train/trainer.h"
 
 /* "portrait.safetensors" -> "portrait.run": the extension is replaced. */
 static ern_status folder_name(ern_context *context, const char *output, char **folder) {

@@ -10,23 +10,15 @@
 #include "core/memory.h"
 #include "core/setting_table.h"
 #include "train/patches_ops.h"
+#include "train/train_settings.h"
 
-/* The configuration with what the training made of it. */
-static ern_train_config effective(const ern_trainer *t) {
-  ern_train_config config = t->config;
-  config.precision = t->bf16 ? ERN_PRECISION_BF16 : ERN_PRECISION_FP32;
-  config.refine_poses = t->poses != NULL;
-  return config;
-}
-
-static json_t *settings_json(const ern_trainer *t) {
-  const ern_train_config config = effective(t);
+static json_t *settings_json(const ern_train_config *config) {
   json_t *settings = json_object();
   char text[ERN_SETTING_TEXT_BYTES];
   const ern_setting *s;
   for (size_t i = 0; settings != NULL && (s = ern_train_setting(i)) != NULL; i++) {
     if (s->resume == ERN_RESUME_FREE) continue;
-    ern_setting_write(s, &config, text);
+    ern_setting_write(s, config, text);
     if (json_object_set_new(settings, s->name, json_string(text)) == 0) continue;
     json_decref(settings);
     settings = NULL;
@@ -34,20 +26,21 @@ static json_t *settings_json(const ern_trainer *t) {
   return settings;
 }
 
-ern_status ern_state_about_text(const ern_trainer *t, char **text) {
-  const bool fine = t->fine_from != UINT64_MAX;
+ern_status ern_state_about_text(ern_context *context, const struct ern_state_about *about, char **text) {
+  const bool fine = about->fine_from != UINT64_MAX;
   *text = NULL;
-  json_t *training = json_pack(
-      "{s:o, s:b, s:s, s:s, s:f, s:o*, s:s, s:b}", "settings", settings_json(t), "torso_layer", t->data.has_torso,
-      "features", t->features, "fingerprint", t->fingerprint, "seconds_beside", t->beside, "fine_from",
-      fine ? json_integer((json_int_t)t->fine_from) : NULL, "fine_loss", ern_trainer_fine_name(t), "pruned", t->pruned);
+  json_t *training =
+      json_pack("{s:o, s:b, s:s, s:s, s:f, s:o*, s:s, s:b}", "settings", settings_json(&about->config), "torso_layer",
+                about->layer, "features", about->features, "fingerprint", about->fingerprint, "seconds_beside",
+                about->beside, "fine_from", fine ? json_integer((json_int_t)about->fine_from) : NULL, "fine_loss",
+                about->fine_loss, "pruned", about->pruned);
   json_t *root =
-      json_pack("{s:b, s:I, s:I, s:f, s:o}", "torso", t->config.torso, "step", (json_int_t)t->step, "ema_updates",
-                (json_int_t)t->ema_updates, "seconds", t->seconds + t->pending_seconds, "training", training);
+      json_pack("{s:b, s:I, s:I, s:f, s:o}", "torso", about->torso, "step", (json_int_t)about->step, "ema_updates",
+                (json_int_t)about->ema_updates, "seconds", about->seconds, "training", training);
   char *json = root != NULL ? json_dumps(root, JSON_COMPACT | JSON_REAL_PRECISION(17)) : NULL;
   json_decref(root);
-  if (json == NULL) return ern_fail(t->context, ERN_E_NO_MEMORY, "state: the metadata could not be put together");
-  const ern_status status = ern_string_copy(t->context, json, text);
+  if (json == NULL) return ern_fail(context, ERN_E_NO_MEMORY, "state: the metadata could not be put together");
+  const ern_status status = ern_string_copy(context, json, text);
   free(json);
   return status;
 }
@@ -96,7 +89,7 @@ static const char *read_training(const json_t *root, struct ern_state_about *abo
   const json_t *layer = json_object_get(root, "torso_layer"), *pruned = json_object_get(root, "pruned"),
                *fine_from = json_object_get(root, "fine_from");
   const char *wrong;
-  about->said = true;
+  about->has_settings = true;
   if (!read_settings(json_object_get(root, "settings"), &about->config, &wrong))
     return wrong != NULL ? wrong : "settings";
   if (!json_is_boolean(layer)) return "torso_layer";
@@ -142,8 +135,8 @@ fail:
 /* ---- what has changed -------------------------------------------------------------------------------------------- */
 
 /* Refuses (`strict`) or logs a value that differs. */
-static ern_status compare(const ern_trainer *t, const char *path, const char *name, const char *found, const char *here,
-                          bool strict) {
+static ern_status compare(const struct ern_training *t, const char *path, const char *name, const char *found,
+                          const char *here, bool strict) {
   if (strcmp(found, here) == 0) return ERN_OK;
   if (strict)
     return ern_fail(t->context, ERN_E_MISMATCH, "%s: %s is %s, this training has %s, expected the same", path, name,
@@ -152,7 +145,7 @@ static ern_status compare(const ern_trainer *t, const char *path, const char *na
   return ERN_OK;
 }
 
-static ern_status compare_setting(const ern_trainer *t, const char *path, const ern_setting *s,
+static ern_status compare_setting(const struct ern_training *t, const char *path, const ern_setting *s,
                                   const ern_train_config *found, const ern_train_config *here, bool strict) {
   char texts[2][ERN_SETTING_TEXT_BYTES];
   ern_setting_write(s, found, texts[0]);
@@ -160,18 +153,18 @@ static ern_status compare_setting(const ern_trainer *t, const char *path, const 
   return compare(t, path, s->name, texts[0], texts[1], strict);
 }
 
-struct ern_view_settings ern_trainer_view_settings(const ern_trainer *t) {
+struct ern_view_settings ern_trainer_view_settings(const struct ern_training *t) {
   const ern_train_config *c = &t->config;
   return (struct ern_view_settings){true, c->max_steps, c->dt_gamma, c->torso_shrink, t->data.scale, c->audio_pad};
 }
 
-ern_status ern_trainer_check_view(const ern_trainer *t, const char *path, const struct ern_view_settings *view,
+ern_status ern_trainer_check_view(const struct ern_training *t, const char *path, const struct ern_view_settings *view,
                                   bool torso, bool strict) {
   static const char *const names[] = {"dt_gamma", "audio_pad", "max_steps", "torso_shrink"};
   ern_train_config found = t->config;
   char texts[2][ERN_SETTING_TEXT_BYTES];
   const ern_setting *s;
-  if (!view->said) return ERN_OK;
+  if (!view->is_set) return ERN_OK;
   found.dt_gamma = view->dt_gamma;
   found.audio_pad = view->audio_pad;
   found.max_steps = view->max_steps;
@@ -186,45 +179,43 @@ ern_status ern_trainer_check_view(const ern_trainer *t, const char *path, const 
 }
 
 /* Whether a resume compares a setting of this training with that of the state. */
-static bool is_compared(const ern_trainer *t, const struct ern_state_about *about, const ern_setting *s) {
+static bool is_compared(const struct ern_state_about *here, const struct ern_state_about *about, const ern_setting *s) {
   if (s->resume != ERN_RESUME_LOGGED && s->resume != ERN_RESUME_SAME) return false;
-  if (t->config.seconds > 0 && strcmp(s->name, "iters") == 0) return false; /* an estimate */
-  return s->scope == ERN_SCOPE_ANY || (s->scope == ERN_SCOPE_TORSO && t->config.torso) ||
-         (s->scope == ERN_SCOPE_HEAD && !t->config.torso) ||
-         (s->scope == ERN_SCOPE_FINE && about->fine_from < about->step);
+  if (here->config.seconds > 0 && strcmp(s->name, "iters") == 0) return false; /* an estimate */
+  return s->scope == ERN_SCOPE_ANY || (s->scope == ERN_SCOPE_TORSO && here->torso) ||
+         (s->scope == ERN_SCOPE_HEAD && !here->torso) || (s->scope == ERN_SCOPE_FINE && about->fine_from < about->step);
 }
 
-static ern_status compare_settings(const ern_trainer *t, const char *path, const struct ern_state_about *about,
-                                   bool strict) {
-  const ern_train_config here = effective(t);
+static ern_status compare_settings(const struct ern_training *t, const char *path, const struct ern_state_about *about,
+                                   const struct ern_state_about *here, bool strict) {
   const ern_setting *s;
   ern_status status = ERN_OK;
   for (size_t i = 0; (s = ern_train_setting(i)) != NULL && status == ERN_OK; i++)
-    if (is_compared(t, about, s) && (s->resume == ERN_RESUME_SAME) == strict)
-      status = compare_setting(t, path, s, &about->config, &here, strict);
+    if (is_compared(here, about, s) && (s->resume == ERN_RESUME_SAME) == strict)
+      status = compare_setting(t, path, s, &about->config, &here->config, strict);
   return status;
 }
 
-ern_status ern_state_about_check(const ern_trainer *t, const char *path, const struct ern_state_about *about,
-                                 const struct ern_view_settings *view) {
+ern_status ern_state_about_check(const struct ern_training *t, const char *path, const struct ern_state_about *about,
+                                 const struct ern_state_about *here, const struct ern_view_settings *view) {
   const bool planned = about->fine_from != UINT64_MAX || about->config.fine_share > 0;
   ern_status status = ERN_OK;
-  if (!about->said) return ERN_OK;
+  if (!about->has_settings) return ERN_OK;
   /* The number of samples per ray may change in a resume; the other view settings may not. */
   struct ern_view_settings rest = *view;
   rest.max_steps = t->config.max_steps;
   ERN_TRY(ern_trainer_check_view(t, path, &rest, t->config.torso, true));
-  if (about->fingerprint[0] != 0 && t->fingerprint[0] != 0 && strcmp(about->fingerprint, t->fingerprint) != 0)
+  if (about->fingerprint[0] != 0 && here->fingerprint[0] != 0 && strcmp(about->fingerprint, here->fingerprint) != 0)
     ern_log(t->context, ERN_LOG_WARNING,
             "%s: files of the clip's frames (pictures, masks, landmarks or blinks) are not those that it began with; "
             "going on with those of now",
             path);
   ERN_TRY(compare(t, path, "the SHA-256 of the speech features and their augmentation (--speech-augment)",
-                  about->features, t->features, true));
-  ERN_TRY(compare(t, path, "torso_layer", about->layer ? "yes" : "no", t->data.has_torso ? "yes" : "no", true));
-  if (planned) ERN_TRY(compare(t, path, "fine_loss", about->fine_loss, ern_trainer_fine_name(t), true));
-  ERN_TRY(compare_settings(t, path, about, true));
-  ERN_TRY(compare_settings(t, path, about, false));
+                  about->features, here->features, true));
+  ERN_TRY(compare(t, path, "torso_layer", about->layer ? "yes" : "no", here->layer ? "yes" : "no", true));
+  if (planned) ERN_TRY(compare(t, path, "fine_loss", about->fine_loss, here->fine_loss, true));
+  ERN_TRY(compare_settings(t, path, about, here, true));
+  ERN_TRY(compare_settings(t, path, about, here, false));
 fail:
   return status;
 }

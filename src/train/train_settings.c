@@ -3,11 +3,13 @@
  * checks, what a state keeps, what a resume and what processes compare, the program's options and the Python module's
  * structure follow from it. */
 #define ERN_SETTINGS ern_train_config
+#include "train/train_settings.h"
+
 #include "core/setting_table.h"
 #include "core/sized.h"
+#include "model/view_settings.h"
 #include "render/march_ops.h"
 #include "train/patches_ops.h"
-#include "train/trainer.h"
 
 enum { CONFIG_COOKIE = 0x45524e34 };
 

@@ -1,57 +1,16 @@
 /* SPDX-License-Identifier: MIT
- * Distributed training: processes that train one model together, through the caller's communicator. */
-#include <inttypes.h>
+ * The beginning of a distributed training: all processes have the same settings, data and state. */
 #include <stdio.h>
 #include <string.h>
 
 #include "core/memory.h"
 #include "train/trainer.h"
 
-static ern_status answered(ern_trainer *t, ern_status status, const char *words) {
-  if (status == ERN_OK) return ERN_OK;
-  return ern_fail(t->context, status, "train: step %" PRIu64 ": %s", t->step,
-                  words[0] != 0 ? words : ern_status_name(status));
-}
-
-static ern_status broadcast(ern_trainer *t, void *bytes, size_t count) {
-  char words[ERN_COMMUNICATOR_WORDS] = "";
-  return answered(t, t->communicator.broadcast(t->communicator.user, bytes, count, words), words);
-}
-
-ern_status ern_trainer_sum(ern_trainer *t, float *values, size_t count, struct ern_step_sum *sum) {
-  char words[ERN_COMMUNICATOR_WORDS] = "";
-  if (t->communicator.size == 1) return ERN_OK;
-  return answered(
-      t, t->communicator.sum(t->communicator.user, values, count, (double *)sum, sizeof *sum / sizeof(double), words),
-      words);
-}
-
-ern_status ern_trainer_gather(ern_trainer *t, ern_span values, size_t count) {
-  char words[ERN_COMMUNICATOR_WORDS] = "";
-  const size_t rank = (size_t)t->communicator.rank, size = (size_t)t->communicator.size;
-  const size_t first = count * rank / size, own = count * (rank + 1) / size - first;
-  float *host = t->parts.gathered;
-  ern_status status = ERN_OK;
-  if (size == 1) return ERN_OK;
-  ERN_TRY(t->backend->download_reals(t->stream, host + first, ern_span_part(values, first, own), own));
-  ERN_TRY(answered(t, t->communicator.gather(t->communicator.user, host, count, words), words));
-  ERN_TRY(t->backend->upload_reals(t->stream, values, host, count));
-fail:
-  return status;
-}
-
-ern_status ern_trainer_wait_for_first(ern_trainer *t) {
-  char byte = 0;
-  return t->communicator.size > 1 ? broadcast(t, &byte, 1) : ERN_OK;
-}
-
-/* ---- the beginning ----------------------------------------------------------------------------------------------- */
-
 /* Compares a text with rank 0's. */
-static ern_status check_same(ern_trainer *t, const char *what, const char *own) {
+static ern_status check_same(const struct ern_training *t, const char *what, const char *own) {
   char first[512] = "";
   snprintf(first, sizeof first, "%s", own);
-  const ern_status status = broadcast(t, first, sizeof first);
+  const ern_status status = ern_trainer_broadcast(t, first, sizeof first);
   if (status != ERN_OK || strcmp(own, first) == 0) return status;
   return ern_fail(t->context, ERN_E_MISMATCH, "train: rank %d has %s%s; rank 0 has %s, expected the same",
                   t->communicator.rank, what, own, first);
@@ -59,7 +18,7 @@ static ern_status check_same(ern_trainer *t, const char *what, const char *own) 
 
 /* Checks what must be the same in all processes, except the numbers that rank 0 sends to all (share_numbers): the
  * instruction set too, as each rounds differently. */
-static ern_status check_same_training(ern_trainer *t) {
+static ern_status check_same_training(const struct ern_training *t) {
   char own[512], words[64];
   const ern_setting *s;
   snprintf(own, sizeof own, "backend %s (%s), clip %.12s, speech %.12s, %s of %zu parameters%s, loss of patches %s",
@@ -76,12 +35,12 @@ static ern_status check_same_training(ern_trainer *t) {
 }
 
 /* Copies values on the backend from rank 0 to all. */
-static ern_status share_reals(ern_trainer *t, ern_span values) {
+static ern_status share_reals(const struct ern_training *t, ern_span values) {
   float *host = NULL;
   ern_status status = ERN_NEW(t->context, values.count, &host);
   if (status != ERN_OK) return status;
   ERN_TRY(t->backend->download_reals(t->stream, host, values, values.count));
-  ERN_TRY(broadcast(t, host, values.count * sizeof *host));
+  ERN_TRY(ern_trainer_broadcast(t, host, values.count * sizeof *host));
   ERN_TRY(t->backend->upload_reals(t->stream, values, host, values.count));
   ERN_TRY(t->backend->synchronize(t->stream));
 fail:
@@ -90,11 +49,11 @@ fail:
 }
 
 static ern_status share_bits(ern_trainer *t) {
-  uint8_t *bits = t->model->bits;
+  uint8_t *bits = t->shared.model->bits;
   ern_status status = ERN_OK;
-  ERN_TRY(t->backend->download_bytes(t->stream, bits, t->bits, ERN_OCCUPANCY_BYTES));
-  ERN_TRY(broadcast(t, bits, ERN_OCCUPANCY_BYTES));
-  ERN_TRY(t->backend->upload_bytes(t->stream, t->bits, bits, ERN_OCCUPANCY_BYTES));
+  ERN_TRY(t->shared.backend->download_bytes(t->shared.stream, bits, t->occupancy.bits, ERN_OCCUPANCY_BYTES));
+  ERN_TRY(ern_trainer_broadcast(&t->shared, bits, ERN_OCCUPANCY_BYTES));
+  ERN_TRY(t->shared.backend->upload_bytes(t->shared.stream, t->occupancy.bits, bits, ERN_OCCUPANCY_BYTES));
 fail:
   return status;
 }
@@ -102,8 +61,9 @@ fail:
 static ern_status share_poses(ern_trainer *t) {
   struct ern_trainer_poses *poses = t->poses;
   if (poses == NULL) return ERN_OK;
-  const ern_status status = broadcast(t, poses->row, ERN_POSE_PARAMETERS * t->data.frames[0] * sizeof *poses->row);
-  return status == ERN_OK ? broadcast(t, poses->mean_square, sizeof poses->mean_square) : status;
+  const ern_status status = ern_trainer_broadcast(&t->shared, poses->row,
+                                                  ERN_POSE_PARAMETERS * t->shared.data.frames[0] * sizeof *poses->row);
+  return status == ERN_OK ? ern_trainer_broadcast(&t->shared, poses->mean_square, sizeof poses->mean_square) : status;
 }
 
 /* Sends the progress of the training from rank 0 to all. */
@@ -112,37 +72,39 @@ static ern_status share_numbers(ern_trainer *t) {
     uint64_t step, ema_updates, fine_from, iters, fine_steps;
     double seconds, beside, torso_mean;
     uint64_t bf16, pruned;
-  } now = {t->step,    t->ema_updates, t->fine_from,  t->config.iters, t->config.fine_steps,
-           t->seconds, t->beside,      t->torso_mean, t->bf16,         t->pruned};
-  const ern_status status = broadcast(t, &now, sizeof now);
+  } now = {t->shared.step,         t->values.ema_updates,       t->fine.from,
+           t->shared.config.iters, t->shared.config.fine_steps, t->shared.seconds,
+           t->shared.beside,       t->occupancy.torso_mean,     t->shared.bf16,
+           t->occupancy.pruned};
+  const ern_status status = ern_trainer_broadcast(&t->shared, &now, sizeof now);
   if (status != ERN_OK) return status;
-  t->step = now.step;
-  t->ema_updates = now.ema_updates;
-  t->fine_from = now.fine_from;
-  t->config.iters = now.iters;
-  t->config.fine_steps = now.fine_steps;
-  t->seconds = now.seconds;
-  t->beside = now.beside;
-  t->torso_mean = now.torso_mean;
-  t->bf16 = now.bf16 != 0;
-  t->pruned = now.pruned != 0;
+  t->shared.step = now.step;
+  t->values.ema_updates = now.ema_updates;
+  t->fine.from = now.fine_from;
+  t->shared.config.iters = now.iters;
+  t->shared.config.fine_steps = now.fine_steps;
+  t->shared.seconds = now.seconds;
+  t->shared.beside = now.beside;
+  t->occupancy.torso_mean = now.torso_mean;
+  t->shared.bf16 = now.bf16 != 0;
+  t->occupancy.pruned = now.pruned != 0;
   return ERN_OK;
 }
 
 ern_status ern_trainer_share_state(ern_trainer *t) {
-  const ern_span values[] = {t->parameters, t->second_moment, t->average};
+  const ern_span values[] = {t->shared.parameters, t->values.second_moment, t->values.average};
   ern_status status = ERN_OK;
-  if (t->communicator.size == 1) return ERN_OK;
-  ERN_TRY(check_same_training(t));
+  if (t->shared.communicator.size == 1) return ERN_OK;
+  ERN_TRY(check_same_training(&t->shared));
   ERN_TRY(share_numbers(t));
-  for (size_t i = 0; i < sizeof values / sizeof *values; i++) ERN_TRY(share_reals(t, values[i]));
+  for (size_t i = 0; i < sizeof values / sizeof *values; i++) ERN_TRY(share_reals(&t->shared, values[i]));
   ERN_TRY(share_bits(t));
   ERN_TRY(share_poses(t));
-  if (t->config.torso) {
-    ERN_TRY(share_reals(t, t->torso_grid));
+  if (t->shared.config.torso) {
+    ERN_TRY(share_reals(&t->shared, t->occupancy.torso_grid));
   } else {
-    ERN_TRY(share_reals(t, t->grid));
-    ERN_TRY(ern_trainer_list(t));
+    ERN_TRY(share_reals(&t->shared, t->occupancy.grid));
+    ERN_TRY(ern_trainer_list(&t->occupancy));
   }
 fail:
   return status;

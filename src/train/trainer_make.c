@@ -16,7 +16,11 @@
 #include "io/speech_description.h"
 #include "model/torso_ops.h"
 #include "render/frame_input.h"
+#include "train/parts/trainer_data.h"
+#include "train/parts/trainer_model.h"
 #include "train/state_about.h"
+#include "train/train_settings.h"
+#include "train/trainer.h"
 
 /* ---- checks ------------------------------------------------------------------------------------------------------ */
 
@@ -89,7 +93,7 @@ static ern_status check_name(ern_context *context, const char *what, const char 
                   strlen(name) > most ? "longer" : "no UTF-8", most);
 }
 
-static ern_status check_data(ern_trainer *t) {
+static ern_status check_data(struct ern_training *t) {
   const ern_dataset *d = &t->data;
   ern_train_config *c = &t->config;
   if (d->frames[0] < 1 || d->frames[0] > UINT32_MAX || d->frame == NULL || d->pixels == NULL || d->features == NULL ||
@@ -132,7 +136,7 @@ static int levels_of(const ern_train_config *config) {
   return config->levels > 0 ? config->levels : known ? own[config->backbone] : 0;
 }
 
-static struct ern_model_config head_config(const ern_trainer *t) {
+static struct ern_model_config head_config(const struct ern_training *t) {
   return (struct ern_model_config){.backbone = t->config.backbone,
                                    .attention = t->config.attention,
                                    .eye_attention = t->config.eye_attention,
@@ -146,11 +150,7 @@ static struct ern_model_config head_config(const ern_trainer *t) {
                                    .bound = t->config.bound};
 }
 
-bool ern_trainer_is_foreign(const ern_trainer *t, const ern_model *model) {
-  return model->clip[0] != 0 && t->identity[0] != 0 && strcmp(model->clip, t->identity) != 0;
-}
-
-static ern_status check_head(const ern_trainer *t, const ern_model *head) {
+static ern_status check_head(const struct ern_training *t, const ern_model *head) {
   if (head->field.config.feature_width != t->data.features->width)
     return ern_fail(t->context, ERN_E_MISMATCH, "train: the head takes features %d wide, the clip's are %d wide",
                     head->field.config.feature_width, t->data.features->width);
@@ -175,51 +175,8 @@ static ern_status check_head(const ern_trainer *t, const ern_model *head) {
   return ERN_OK;
 }
 
-void ern_trainer_copy_rows(ern_model *to, const ern_model *from, bool torso) {
-  for (int r = 0; r < to->table.rows; r++) {
-    const struct ern_parameter *row = &to->table.row[r], *its = ern_parameters_find(&from->table, row->name);
-    if (its == NULL || row->torso != torso) continue;
-    memcpy(to->block + row->at, from->block + its->at,
-           (its->count < row->count ? its->count : row->count) * sizeof(float));
-  }
-  if (torso) {
-    memcpy(to->torso_grid, from->torso_grid, ERN_TORSO_CELLS * sizeof(float));
-    to->torso_steps = from->torso_steps;
-  } else {
-    memcpy(to->bits, from->bits, ERN_OCCUPANCY_BYTES);
-    to->head_steps = from->head_steps;
-  }
-}
-
-ern_status ern_trainer_copy_camera(ern_model *to, const ern_model *from) {
-  if (from->cameras == 0) return ERN_OK;
-  const ern_status status = ERN_NEW(to->context, 6 * from->cameras, &to->camera);
-  if (status != ERN_OK) return status;
-  memcpy(to->camera, from->camera, 6 * from->cameras * sizeof(float));
-  to->cameras = from->cameras;
-  to->unseen = from->unseen;
-  return ERN_OK;
-}
-
-void ern_trainer_log_codes(const ern_trainer *t, const char *path, int found) {
-  const int here = t->model->field.config.codes;
-  if (found < here)
-    ern_log(t->context, ERN_LOG_INFO,
-            "%s: has %d individual codes for the %d of this training: they are kept, the other %d are fresh", path,
-            found, here, here - found);
-  if (found > here)
-    ern_log(t->context, ERN_LOG_INFO,
-            "%s: has %d individual codes for the %d of this training: the first %d are kept, the others dropped", path,
-            found, here, here);
-}
-
-void ern_trainer_keep_consent(ern_trainer *t, const ern_model *from) {
-  if (t->config.consent == NULL && !ern_trainer_is_foreign(t, from))
-    memcpy(t->model->consent, from->consent, sizeof t->model->consent);
-}
-
 /* Kind and network of the speech features, into the model; a torso takes them from its head. */
-static ern_status take_speech(ern_trainer *t) {
+static ern_status take_speech(struct ern_training *t) {
   ern_model *model = t->model;
   const ern_model *head = t->config.torso ? t->config.head : NULL;
   const char *kind = t->data.speech, *network = t->data.speech_network;
@@ -240,7 +197,7 @@ static ern_status take_speech(ern_trainer *t) {
   return ern_speech_description_text(t->context, &description, model->speech_network);
 }
 
-static ern_status make_model(ern_trainer *t) {
+static ern_status make_model(struct ern_training *t) {
   struct ern_model_config config = head_config(t);
   ern_status status = ERN_OK;
   if (t->config.torso && t->config.head != NULL) {
@@ -274,103 +231,44 @@ fail:
   return status;
 }
 
-ern_status ern_trainer_choose_precision(ern_trainer *t, const char *path, ern_precision wanted) {
-  const bool backend = t->backend->trains_bf16, own = ern_field_is_standard(&t->model->field);
-  const bool can = backend && own && !t->config.torso;
-  t->bf16 = wanted == ERN_PRECISION_BF16 || (wanted == ERN_PRECISION_AUTO && can);
-  if (can || !t->bf16) return ERN_OK;
-  if (t->config.torso)
-    return ern_fail(t->context, ERN_E_UNSUPPORTED, "%s: precision is bf16, expected fp32 for a torso", path);
-  if (!own)
-    return ern_fail(t->context, ERN_E_UNSUPPORTED,
-                    "%s: precision is bf16, expected fp32 for a head that is not trihash with channel attention", path);
-  return ern_fail(t->context, ERN_E_UNSUPPORTED,
-                  "%s: precision is bf16, expected fp32 on the backend %s, %s: bf16 needs the cpu's instruction set "
-                  "avx512bf16",
-                  path, t->backend->name, t->backend->isa);
-}
-
 /* ---- memory ------------------------------------------------------------------------------------------------------ */
-
-static ern_status take_device(ern_trainer *t) {
-  const size_t n = (t->model->field.parameters + 63) / 64 * 64, cells = ERN_OCCUPANCY_CELLS;
-  const bool head = !t->config.torso;
-  size_t at = 0;
-  ern_status status = ERN_OK;
-  ERN_TRY(t->backend->buffer_make(t->backend, ERN_ELEMENT_REAL, 4 * n + (head ? 2 * cells : 0) + ERN_TORSO_CELLS,
-                                  &t->reals));
-  ern_span *const blocks[] = {&t->parameters, &t->gradient, &t->second_moment, &t->average};
-  for (size_t i = 0; i < 4; i++, at += n) *blocks[i] = (ern_span){t->reals, at, t->model->field.parameters};
-  t->torso_grid = (ern_span){t->reals, at, ERN_TORSO_CELLS};
-  at += ERN_TORSO_CELLS;
-  ERN_TRY(t->backend->buffer_make(t->backend, ERN_ELEMENT_BYTE, ERN_OCCUPANCY_BYTES, &t->bits_buffer));
-  t->bits = (ern_span){t->bits_buffer, 0, ERN_OCCUPANCY_BYTES};
-  if (head) {
-    t->grid = (ern_span){t->reals, at, cells};
-    t->fresh = (ern_span){t->reals, at + cells, cells};
-    ERN_TRY(t->backend->buffer_make(t->backend, ERN_ELEMENT_INT32, cells, &t->cells_buffer));
-    t->cells = (ern_span){t->cells_buffer, 0, cells};
-  }
-fail:
-  return status;
-}
-
-/* Only a few in a hundred frames have shut eyes: too few of them would be drawn in a short training. */
-static ern_status find_blinks(ern_trainer *t) {
-  const size_t frames = t->config.data_end - t->config.data_begin;
-  ern_status status = ERN_OK;
-  if (t->config.torso || t->config.ray_sampling != ERN_RAY_SAMPLING_REGIONS || !t->data.has_eye) return ERN_OK;
-  ERN_TRY(ERN_NEW(t->context, frames, &t->blinks));
-  for (size_t i = t->config.data_begin; i < t->config.data_end; i++) {
-    ern_dataset_frame about;
-    ERN_TRY(ern_trainer_frame(t, 0, i, &about));
-    if (about.eye >= 0.5f) t->blinks[t->blink_count++] = i;
-  }
-fail:
-  return status;
-}
 
 static ern_status take_host(ern_trainer *t) {
   const uint8_t *head = NULL;
   ern_status status = ERN_OK;
-  ERN_TRY(ern_pool_make(t->context, t->config.threads, &t->pool));
-  ERN_TRY(ERN_NEW(t->context, t->data.frames[0], &t->views));
-  for (size_t i = 0; i < t->data.frames[0]; i++) ERN_TRY(ern_trainer_view(t, 0, i, &t->views[i]));
-  ERN_TRY(find_blinks(t));
-  ERN_TRY(ern_trainer_head(t, t->config.data_begin, &head)); /* so that an invalid one is found now */
-  ERN_TRY(ern_trainer_poses_make(t));
-  ERN_TRY(ern_trainer_speech_make(t));
-  ERN_TRY(ern_trainer_parts_make(t));
+  ERN_TRY(ern_pool_make(t->shared.context, t->shared.config.threads, &t->shared.pool));
+  ERN_TRY(ERN_NEW(t->shared.context, t->shared.data.frames[0], &t->shared.views));
+  for (size_t i = 0; i < t->shared.data.frames[0]; i++)
+    ERN_TRY(ern_trainer_view(&t->shared, 0, i, &t->shared.views[i]));
+  ERN_TRY(ern_trainer_head(&t->shared, t->shared.config.data_begin, &head)); /* so that an invalid one is found now */
+  ERN_TRY(ern_trainer_poses_make(&t->poses, &t->fine));
+  t->state.poses = t->poses;
+  ERN_TRY(ern_trainer_speech_make(&t->speech, &t->shared));
+  ERN_TRY(ern_trainer_parts_make(&t->parts, &t->shared));
 fail:
-  return status;
-}
-
-static ern_status take_rays(ern_trainer *t) {
-  const size_t rays = ern_trainer_most_rays(t);
-  ern_status status = ERN_NEW(t->context, rays, &t->host_pixels);
-  if (status == ERN_OK) status = ERN_NEW(t->context, 9 * ern_scratch_stride(rays), &t->host_rows);
   return status;
 }
 
 /* Checks that the average can have enough updates by the last step. With config.seconds the number of steps is not
  * known beforehand. */
 static ern_status check_average(const ern_trainer *t) {
-  const ern_train_config *c = &t->config;
-  const uint64_t every = c->ema_every, least = ERN_LEAST_EMA_UPDATES, done = t->step / every,
-                 updates = t->ema_updates + (c->iters > t->step ? c->iters / every - done : 0);
-  if (!c->ema || t->output == NULL || c->seconds > 0 || updates >= least) return ERN_OK;
-  const uint64_t missing = least - t->ema_updates, left = c->iters > t->step ? c->iters - t->step : 0;
+  const ern_train_config *c = &t->shared.config;
+  const uint64_t every = c->ema_every, least = ERN_LEAST_EMA_UPDATES, done = t->shared.step / every,
+                 updates = t->values.ema_updates + (c->iters > t->shared.step ? c->iters / every - done : 0);
+  if (!c->ema || t->state.output == NULL || c->seconds > 0 || updates >= least) return ERN_OK;
+  const uint64_t missing = least - t->values.ema_updates,
+                 left = c->iters > t->shared.step ? c->iters - t->shared.step : 0;
   char shorter[64] = "";
   if (left >= missing)
     snprintf(shorter, sizeof shorter, "at most %" PRIu64 " steps between updates or ", left / missing);
-  return ern_fail(t->context, ERN_E_ARGUMENT,
+  return ern_fail(t->shared.context, ERN_E_ARGUMENT,
                   "train: the average of %" PRIu64 " steps in all with %" PRIu64 " between its updates has %" PRIu64
                   " updates, expected at least %" PRIu64 ": choose %s%" PRIu64 " steps in all or more",
                   c->iters, every, updates, least, shorter, (done + missing) * every);
 }
 
 /* The SHA-256 of the speech features; with data augmentation, also over its settings and each copy. */
-static void name_features(ern_trainer *t) {
+static void name_features(struct ern_training *t) {
   const ern_features *f = t->data.features;
   const size_t bytes = f->windows * (size_t)f->window_length * (size_t)f->width * sizeof(float);
   char text[160], copy[65];
@@ -391,18 +289,20 @@ static void name_features(ern_trainer *t) {
 static ern_status check_output(ern_trainer *t, bool resumed) {
   char before[ERN_ERROR_BYTES];
   ern_model *model = NULL;
-  t->run.keep = !resumed && !t->config.overwrite;
-  if (t->config.overwrite) return ERN_OK;
-  if (!resumed) return ern_run_folder_check_free(t->context, t->output, &t->run, t->config.resume);
-  if (access(t->output, F_OK) != 0) return ERN_OK;
-  ern_error_keep(t->context, before);
-  const ern_status loaded = ern_model_load(&model, t->context, t->output);
-  const bool clip = loaded == ERN_OK && strcmp(model->clip, t->identity) == 0;
-  const bool torso = loaded == ERN_OK && model->field.config.torso, own = clip && torso == t->config.torso;
+  t->state.run.keep = !resumed && !t->shared.config.overwrite;
+  if (t->shared.config.overwrite) return ERN_OK;
+  if (!resumed)
+    return ern_run_folder_check_free(t->shared.context, t->state.output, &t->state.run, t->shared.config.resume);
+  if (access(t->state.output, F_OK) != 0) return ERN_OK;
+  ern_error_keep(t->shared.context, before);
+  const ern_status loaded = ern_model_load(&model, t->shared.context, t->state.output);
+  const bool clip = loaded == ERN_OK && strcmp(model->clip, t->shared.identity) == 0;
+  const bool torso = loaded == ERN_OK && model->field.config.torso, own = clip && torso == t->shared.config.torso;
   ern_model_free(&model);
-  ern_error_restore(t->context, before);
+  ern_error_restore(t->shared.context, before);
   if (own || loaded == ERN_E_NO_MEMORY) return loaded;
-  return ern_fail(t->context, ERN_E_EXISTS, "%s: is %s, and would be replaced; --overwrite does that", t->output,
+  return ern_fail(t->shared.context, ERN_E_EXISTS, "%s: is %s, and would be replaced; --overwrite does that",
+                  t->state.output,
                   !clip   ? "no model of this clip"
                   : torso ? "a portrait with a torso"
                           : "a head without a torso");
@@ -410,30 +310,32 @@ static ern_status check_output(ern_trainer *t, bool resumed) {
 
 /* Initial values, then those that a resume or --from puts in their place. */
 static ern_status fill(ern_trainer *t) {
-  const size_t n = t->model->field.parameters;
+  const size_t n = t->shared.model->field.parameters;
   bool resumed = false;
   ern_status status = ERN_OK;
-  ERN_TRY(t->backend->upload_reals(t->stream, t->parameters, t->model->block, n));
-  ERN_TRY(t->backend->copy(t->stream, t->average, t->parameters, n));
-  ERN_TRY(t->backend->upload_bytes(t->stream, t->bits, t->model->bits, ERN_OCCUPANCY_BYTES));
-  if (!t->config.torso) {
-    ERN_TRY(ern_trainer_mark(t));
-    ERN_TRY(ern_trainer_list(t));
+  ERN_TRY(t->shared.backend->upload_reals(t->shared.stream, t->shared.parameters, t->shared.model->block, n));
+  ERN_TRY(t->shared.backend->copy(t->shared.stream, t->values.average, t->shared.parameters, n));
+  ERN_TRY(
+      t->shared.backend->upload_bytes(t->shared.stream, t->occupancy.bits, t->shared.model->bits, ERN_OCCUPANCY_BYTES));
+  if (!t->shared.config.torso) {
+    ERN_TRY(ern_trainer_mark(&t->occupancy));
+    ERN_TRY(ern_trainer_list(&t->occupancy));
   }
-  if (t->config.resume && t->output != NULL) {
-    ERN_TRY(ern_trainer_resume(t, &resumed));
-    ern_trainer_follow_time(t, t->step);
-    if (t->step > t->config.iters)
-      ERN_TRY(ern_fail(t->context, ERN_E_STATE,
+  if (t->shared.config.resume && t->state.output != NULL) {
+    ERN_TRY(ern_trainer_resume(&t->state, &resumed));
+    ern_trainer_follow_time(&t->shared, t->shared.step);
+    if (t->shared.step > t->shared.config.iters)
+      ERN_TRY(ern_fail(t->shared.context, ERN_E_STATE,
                        "%s: the state is at step %" PRIu64 ", expected at most the %" PRIu64 " of --iters",
-                       t->run.folder, t->step, t->config.iters));
+                       t->state.run.folder, t->shared.step, t->shared.config.iters));
   }
-  if (t->output != NULL) ERN_TRY(check_output(t, resumed));
-  if (t->config.resume && t->output != NULL && !resumed)
-    ern_log(t->context, ERN_LOG_WARNING, "resume: nothing was saved in %s yet; starting at step 0", t->run.folder);
-  if (!resumed && t->config.from != NULL) ERN_TRY(ern_trainer_take_file(t, t->config.from));
-  if (t->output != NULL && (!resumed || access(t->run.curve, F_OK) != 0))
-    ERN_TRY(ern_lines_add(t->context, &t->run.curve_lines, "step,seconds,psnr\n"));
+  if (t->state.output != NULL) ERN_TRY(check_output(t, resumed));
+  if (t->shared.config.resume && t->state.output != NULL && !resumed)
+    ern_log(t->shared.context, ERN_LOG_WARNING, "resume: nothing was saved in %s yet; starting at step 0",
+            t->state.run.folder);
+  if (!resumed && t->shared.config.from != NULL) ERN_TRY(ern_trainer_take_file(&t->state, t->shared.config.from));
+  if (t->state.output != NULL && (!resumed || access(t->state.run.curve, F_OK) != 0))
+    ERN_TRY(ern_lines_add(t->shared.context, &t->state.run.curve_lines, "step,seconds,psnr\n"));
 fail:
   return status;
 }
@@ -461,45 +363,49 @@ ern_status ern_trainer_create_sized(ern_trainer **trainer, ern_backend *backend,
   ERN_TRY(check_config(context, &chosen));
   if (chosen.communicator != NULL && chosen.communicator->rank > 0) leave_files(&chosen);
   ERN_TRY(ERN_NEW(context, 1, &t));
-  t->context = context;
-  t->backend = backend;
-  t->data = data;
-  t->config = chosen;
-  t->run.lock = t->torso_run.lock = -1;
-  t->fine_from = UINT64_MAX;
-  t->communicator = (ern_communicator){.size = 1};
-  if (chosen.communicator != NULL) t->communicator = *chosen.communicator;
-  t->config.communicator = NULL;
-  ERN_TRY(ern_trainer_fine_take(t));
-  ERN_TRY(check_data(t));
-  if (data.identity != NULL) memcpy(t->identity, data.identity, strlen(data.identity) + 1);
-  if (data.fingerprint != NULL) memcpy(t->fingerprint, data.fingerprint, strlen(data.fingerprint) + 1);
-  ERN_TRY(make_model(t));
-  ERN_TRY(ern_trainer_choose_precision(t, "train", chosen.precision));
-  ERN_TRY(backend->stream_make(backend, chosen.threads, &t->stream));
-  ERN_TRY(take_device(t));
+  t->shared.context = context;
+  t->shared.backend = backend;
+  t->shared.data = data;
+  t->shared.config = chosen;
+  t->state = (struct ern_trainer_state){
+      .training = &t->shared, .values = &t->values, .occupancy = &t->occupancy, .fine = &t->fine, .run = {.lock = -1}};
+  t->torso_run.lock = -1;
+  t->shared.communicator = (ern_communicator){.size = 1};
+  if (chosen.communicator != NULL) t->shared.communicator = *chosen.communicator;
+  t->shared.config.communicator = NULL;
+  ERN_TRY(ern_trainer_fine_take(&t->fine, &t->shared));
+  ERN_TRY(check_data(&t->shared));
+  if (data.identity != NULL) memcpy(t->shared.identity, data.identity, strlen(data.identity) + 1);
+  if (data.fingerprint != NULL) memcpy(t->shared.fingerprint, data.fingerprint, strlen(data.fingerprint) + 1);
+  ERN_TRY(make_model(&t->shared));
+  ERN_TRY(ern_trainer_choose_precision(&t->shared, "train", chosen.precision));
+  ERN_TRY(backend->stream_make(backend, chosen.threads, &t->shared.stream));
+  ERN_TRY(ern_trainer_values_make(&t->values, &t->shared));
+  ERN_TRY(ern_trainer_occupancy_make(&t->occupancy, &t->shared, &t->speech));
   ERN_TRY(take_host(t));
-  ERN_TRY(check_range(context, "scale", (double)t->data.scale, ERN_LEAST_SCALE, ERN_MOST_SCALE));
+  ERN_TRY(check_range(context, "scale", (double)t->shared.data.scale, ERN_LEAST_SCALE, ERN_MOST_SCALE));
   if (chosen.output != NULL) {
-    ERN_TRY(ern_string_copy(context, chosen.output, &t->output));
+    ERN_TRY(ern_string_copy(context, chosen.output, &t->state.output));
     if (!chosen.resume && chosen.from == NULL) ERN_TRY(check_average(t)); /* before the folder is made */
     if (chosen.torso_output != NULL) {
       ERN_TRY(ern_run_folder_reserve(context, chosen.torso_output, chosen.resume, chosen.overwrite, &t->torso_run));
       ERN_TRY(ern_run_folder_check_outside(context, &t->torso_run, chosen.from));
     }
-    ERN_TRY(ern_run_folder_open(context, t->output, &t->run));
-    ERN_TRY(ern_run_folder_check_outside(context, &t->run, chosen.from));
+    ERN_TRY(ern_run_folder_open(context, t->state.output, &t->state.run));
+    ERN_TRY(ern_run_folder_check_outside(context, &t->state.run, chosen.from));
   }
-  if (chosen.output != NULL || t->communicator.size > 1) name_features(t);
+  if (chosen.output != NULL || t->shared.communicator.size > 1) name_features(&t->shared);
   ERN_TRY(fill(t));
   ERN_TRY(ern_trainer_share_state(t));
-  ERN_TRY(ern_trainer_fine_begin(t, t->fine_from));
-  ERN_TRY(take_rays(t));
-  t->pruned = t->pruned && ern_trainer_prune_due(t); /* a training that is resumed for longer refreshes again */
+  ERN_TRY(ern_trainer_fine_begin(&t->fine));
+  ERN_TRY(ern_trainer_batches_make(&t->batches, &t->fine, &t->speech, t->poses));
+  t->occupancy.pruned = t->occupancy.pruned &&
+                        ern_trainer_prune_due(&t->fine); /* a training that is resumed for longer refreshes again */
   ERN_TRY(check_average(t));
-  t->config.output = t->output;
-  t->config.from = t->config.torso_output = NULL; /* the caller's texts and head are no longer used, only copies */
-  t->config.head = NULL;
+  t->shared.config.output = t->state.output;
+  t->shared.config.from = t->shared.config.torso_output =
+      NULL; /* the caller's texts and head are no longer used, only copies */
+  t->shared.config.head = NULL;
   *trainer = t;
   return ERN_OK;
 fail:
@@ -511,27 +417,19 @@ void ern_trainer_free(ern_trainer **trainer) {
   if (trainer == NULL || *trainer == NULL) return;
   ern_trainer *t = *trainer;
   *trainer = NULL;
-  ern_run_folder_close(t->context, &t->run);
-  ern_run_folder_close(t->context, &t->torso_run);
-  t->backend->buffer_free(t->backend, t->reals);
-  t->backend->buffer_free(t->backend, t->bits_buffer);
-  t->backend->buffer_free(t->backend, t->patch_filter);
-  t->backend->buffer_free(t->backend, t->cells_buffer);
-  for (int i = 0; i < 2; i++) {
-    t->backend->buffer_free(t->backend, t->drawn.pixels[i]);
-    t->backend->buffer_free(t->backend, t->drawn.reals[i]);
-  }
-  t->backend->stream_free(t->stream);
-  ern_pool_free(t->pool);
-  ern_trainer_poses_free(t);
-  ern_trainer_parts_free(t);
-  ern_release(t->context, t->views);
-  ern_release(t->context, t->blinks);
-  ern_release(t->context, t->host_pixels);
-  ern_release(t->context, t->host_rows);
-  ern_release(t->context, t->host_windows);
-  ern_release(t->context, t->speech_deviation);
-  ern_release(t->context, t->output);
-  ern_model_free(&t->model);
-  ern_release(t->context, t);
+  ern_run_folder_close(t->shared.context, &t->state.run);
+  ern_run_folder_close(t->shared.context, &t->torso_run);
+  t->shared.backend->buffer_free(t->shared.backend, t->values.reals);
+  ern_trainer_occupancy_free(&t->occupancy, t->shared.backend);
+  t->shared.backend->buffer_free(t->shared.backend, t->fine.filter);
+  ern_trainer_batches_free(&t->batches, t->shared.backend);
+  t->shared.backend->stream_free(t->shared.stream);
+  ern_pool_free(t->shared.pool);
+  ern_trainer_speech_free(&t->speech, t->shared.context);
+  ern_trainer_poses_free(&t->poses);
+  ern_trainer_parts_free(&t->parts, t->shared.context);
+  ern_release(t->shared.context, t->shared.views);
+  ern_release(t->shared.context, t->state.output);
+  ern_model_free(&t->shared.model);
+  ern_release(t->shared.context, t);
 }

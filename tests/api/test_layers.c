@@ -11,7 +11,7 @@ enum { PATH_BYTES = 1024, LINE_BYTES = 512, ALLOWED = 20 };
 
 /* Patterns are fnmatch's without FNM_PATHNAME: a star matches slashes too. */
 struct rule {
-  const char *folder;           /* as written in includes: below src/, or "include", "tools", "examples" */
+  const char *folder;           /* as written in includes: below src/, or "include", "tools", "examples"; a room */
   const char *allowed[ALLOWED]; /* what a quoted include may name, besides the folder itself */
 };
 
@@ -32,6 +32,9 @@ static const struct rule rules[] = {
     {"model", {BELOW_MODEL}},
     {"render", {BELOW_MODEL, "model/*"}},
     {"train", {BELOW_MODEL, "model/*", "render/*"}},
+    {"train/parts", /* of a training: they do not know the trainer that calls them */
+     {BELOW_MODEL, "model/*", "render/*", "train/parts/*", "train/*_ops.h", "train/patch_filter.h",
+      "train/run_folder.h", "train/state_about.h", "train/step.h"}},
     {"backend_cpu", {FILLS}},
     {"backend_opencl", {FILLS, "io/file.h", "model/parameters.h"}},
     {"backend", {"ernerf/*", "core/*", "backend_*/*"}},
@@ -41,9 +44,16 @@ static const struct rule rules[] = {
     {"media", {"ernerf/*", "core/*", "io/*", "vision/*", "perceptual/*"}},
     {"prepare", {"ernerf/*", "core/*", "io/*", "media/speech_network.h"}},
     {"lab", {BELOW_MODEL, "model/*", "render/*", "train/*", "backend_cpu/*", "backend_opencl/*", "ernerf-lab/*"}},
-    {"tools",
-     {"ernerf/*", "ernerf-lab/*", "session/*", "evaluation/*", "output/*", "verbs/*", "lab/*", "live/*", "dub/*",
-      "mpi/mpi_world.h"}},
+    {"tools", {"ernerf/*"}},
+    /* the rooms of the program; each also sees the headers beside main.c, which see no room */
+    {"tools/session", {"ernerf/*"}},
+    {"tools/output", {"ernerf/*", "session/*"}},
+    {"tools/dub", {"ernerf/*", "session/*", "output/*"}},
+    {"tools/live", {"ernerf/*", "session/*", "output/*", "dub/*"}},
+    {"tools/evaluation", {"ernerf/*", "ernerf-lab/*", "session/*", "dub/*"}},
+    {"tools/lab", {"ernerf/*", "ernerf-lab/*", "session/*", "output/*", "evaluation/*"}},
+    {"tools/verbs", {"ernerf/*", "ernerf-lab/*", "session/*", "output/*", "evaluation/*", "mpi/mpi_world.h"}},
+    {"tools/main", {"ernerf/*", "session/session.h"}},
     {"examples", {"ernerf/*"}},
 };
 
@@ -91,8 +101,9 @@ static const struct rule *rule_of(const char *folder) {
 static const char *check_quoted(const char *folder, const char *name, const char *header) {
   const struct rule *rule = rule_of(folder);
   if (rule == NULL) return "no rule for the folder";
-  const size_t length = strlen(folder);
-  const bool own = strncmp(header, folder, length) == 0 && header[length] == '/';
+  const char *room = strchr(folder, '/'), *here = room != NULL ? room + 1 : folder;
+  const size_t length = strlen(here);
+  const bool own = strncmp(header, here, length) == 0 && header[length] == '/';
   if (fnmatch("*_ops.h", name, 0) == 0)
     return strcmp(header, "core/types.h") == 0 || strcmp(header, "core/operations.h") == 0 ||
                    (own && fnmatch(OPS, header, 0) == 0)
@@ -101,7 +112,7 @@ static const char *check_quoted(const char *folder, const char *name, const char
   if (strcmp(folder, "backend") == 0 && strcmp(name, "registry.c") != 0 && fnmatch("backend_*", header, 0) == 0)
     return "only registry.c names backends, found";
   if (strchr(header, '/') == NULL) /* beside the file itself: the program's own headers have no folder in their name */
-    return strcmp(folder, "tools") == 0 ? NULL : "no folder in the include of";
+    return strncmp(folder, "tools", 5) == 0 ? NULL : "no folder in the include of";
   if (own) return NULL;
   for (size_t i = 0; i < ALLOWED && rule->allowed[i] != NULL; i++)
     if (fnmatch(rule->allowed[i], header, 0) == 0) return NULL;
@@ -133,15 +144,28 @@ static bool parse_include(const char *line, char header[LINE_BYTES], char *brack
   return true;
 }
 
+/* The room of a file of the program, "tools/" and a folder's name, or "train/parts"; otherwise its folder. */
+static void name_room(const char *path, const char *folder, const char *name, char room[64]) {
+  static const char program[] = "/tools/ernerf-cli/";
+  const char *inside = strstr(path, program);
+  const char *at = inside != NULL ? inside + sizeof program - 1 : NULL, *end = at != NULL ? strchr(at, '/') : NULL;
+  const bool is_main = at != NULL && strcmp(name, "main.c") == 0;
+  if (end != NULL || is_main)
+    snprintf(room, 64, "tools/%.*s", end != NULL ? (int)(end - at) : 4, at);
+  else
+    snprintf(room, 64, "%s", strstr(path, "/src/train/parts/") != NULL ? "train/parts" : folder);
+}
+
 static void check_file(struct tally *tally, const char *path, const char *folder, const char *name) {
-  char line[LINE_BYTES], header[LINE_BYTES], bracket = 0;
+  char line[LINE_BYTES], header[LINE_BYTES], room[64], bracket = 0;
   FILE *file = fopen(path, "rb");
   assert_non_null(file);
   tally->files++;
+  name_room(path, folder, name, room);
   for (int number = 1; fgets(line, sizeof line, file) != NULL; number++) {
     if (!parse_include(line, header, &bracket)) continue;
     tally->includes++;
-    const char *wrong = bracket == '"' ? check_quoted(folder, name, header) : check_bracketed(folder, header);
+    const char *wrong = bracket == '"' ? check_quoted(room, name, header) : check_bracketed(folder, header);
     if (wrong != NULL) fault(tally, path, number, wrong, header);
   }
   fclose(file);
@@ -224,19 +248,27 @@ static void test_rules(void **state) {
       {"prepare", "face_step.c", "model/model.h", false},
       {"prepare", "face_step.c", "vision/vision.h", false},
       {"media", "clip.c", "prepare/prepare_job.h", false},
-      {"tools", "cmd_prepare.c", "prepare/prepare_job.h", false},
+      {"tools/verbs", "cmd_prepare.c", "prepare/prepare_job.h", false},
       {"media", "clip.c", "ernerf-lab/synth.h", false},
       {"media", "clip.c", "lab/synth/synth_parts.h", false},
       {"render", "frame.c", "ernerf-lab/bench.h", false},
-      {"train", "trainer.c", "lab/bench/bench_shared.h", false},
+      {"train", "trainer_run.c", "lab/bench/bench_shared.h", false},
       {"lab", "synth.c", "ernerf/media.h", true},
       {"lab", "synth.c", "media/image.h", false},
       {"lab", "bench_scene.c", "lab/bench/bench_shared.h", true},
-      {"tools", "cmd_bench.c", "ernerf-lab/bench.h", true},
-      {"tools", "cmd_bench.c", "lab/ablation.h", true},
+      {"tools/lab", "cmd_bench.c", "ernerf-lab/bench.h", true},
+      {"tools/lab", "cmd_bench.c", "lab/ablation.h", true},
+      {"tools/verbs", "cmd_train.c", "lab/ablation.h", false},
+      {"tools/session", "speech_model.c", "output/sink.h", false},
+      {"tools/output", "sink.c", "session/session.h", true},
+      {"tools", "args.h", "session/session.h", false},
+      {"tools/cellar", "a.c", "ernerf/base.h", false},
       {"backend", "registry.c", "backend_cpu/backend_cpu.h", true},
       {"backend", "other.c", "backend_cpu/backend_cpu.h", false},
-      {"train", "trainer.c", "core/x.h", true},
+      {"train", "trainer_run.c", "core/x.h", true},
+      {"train", "trainer_run.c", "train/parts/trainer_poses.h", true},
+      {"train/parts", "trainer_poses.c", "train/parts/trainer_fine.h", true},
+      {"train/parts", "trainer_poses.c", "train/trainer.h", false},
       {"train", "step_ops.h", "core/backend.h", false},
       {"train", "step_ops.h", "core/types.h", true},
       {"train", "step_ops.h", "core/operations.h", true},
@@ -244,7 +276,8 @@ static void test_rules(void **state) {
       {"train", "step_ops.h", "render/march_ops.h", false},
       {"train", "step_ops.h", "train/step.h", false},
       {"tools", "main.c", "args.h", true},
-      {"tools", "cmd_render.c", "session/session.h", true},
+      {"tools/verbs", "cmd_render.c", "session/session.h", true},
+      {"tools/main", "main.c", "session/session.h", true},
       {"tools", "main.c", "core/status.h", false},
       {"tools", "main.c", "ernerf/media.h", true},
       {"core", "arena.c", "memory.h", false},
@@ -264,6 +297,13 @@ static void test_rules(void **state) {
   assert_non_null(check_bracketed("mlp", "immintrin.h"));
   assert_non_null(check_bracketed("train", "CL/cl.h"));
   assert_non_null(check_bracketed("core", "gsl/gsl.h"));
+  char room[64];
+  name_room("/x/tools/ernerf-cli/output/sink.c", "tools", "sink.c", room);
+  assert_string_equal(room, "tools/output");
+  name_room("/x/tools/ernerf-cli/main.c", "tools", "main.c", room);
+  assert_string_equal(room, "tools/main");
+  name_room("/x/tools/ernerf-cli/args.c", "tools", "args.c", room);
+  assert_string_equal(room, "tools");
   char header[LINE_BYTES], bracket = 0;
   assert_true(parse_include("  # include <math.h> /* x */", header, &bracket) && bracket == '<');
   assert_string_equal(header, "math.h");

@@ -35,7 +35,7 @@ static void expect_refused(ern_backend *backend, const ern_train_config *config,
 static void expect_chosen(ern_backend *backend, const ern_train_config *config, bool bf16) {
   ern_trainer *trainer = NULL;
   support_ok(made.context, ern_trainer_create(&trainer, backend, &made.data, config));
-  assert_int_equal(trainer->bf16, bf16);
+  assert_int_equal(trainer->shared.bf16, bf16);
   ern_trainer_free(&trainer);
 }
 
@@ -81,7 +81,7 @@ static void train_to(const char *output, ern_precision precision, int threads, u
     config.precision = again;
   }
   support_ok(made.context, ern_trainer_create(&trainer, fast, &made.data, &config));
-  assert_int_equal(trainer->step, stop);
+  assert_int_equal(trainer->shared.step, stop);
   support_ok(made.context, ern_trainer_run(trainer, NULL));
   ern_trainer_free(&trainer);
 }

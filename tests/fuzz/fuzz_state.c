@@ -21,15 +21,16 @@ int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t count) {
   bool resumed = false;
   if (trainer == NULL) make(&m, &trainer);
   if (count > 0 && bytes[0] == '{')
-    fuzz_header_file(trainer->run.state, bytes, count);
+    fuzz_header_file(trainer->state.run.state, bytes, count);
   else
-    fuzz_file(trainer->run.state, bytes, count);
-  if (ern_trainer_resume(trainer, &resumed) != ERN_OK) {
-    fuzz_refused(m.context, trainer->run.state);
+    fuzz_file(trainer->state.run.state, bytes, count);
+  if (ern_trainer_resume(&trainer->state, &resumed) != ERN_OK) {
+    fuzz_refused(m.context, trainer->state.run.state);
     FUZZ_REQUIRE(!resumed);
     return 0;
   }
-  FUZZ_REQUIRE(resumed && trainer->step <= (uint64_t)1 << 53 && trainer->ema_updates <= (uint64_t)1 << 53);
-  FUZZ_REQUIRE(isfinite(trainer->seconds) && trainer->seconds >= 0);
+  FUZZ_REQUIRE(resumed && trainer->shared.step <= (uint64_t)1 << 53 &&
+               trainer->values.ema_updates <= (uint64_t)1 << 53);
+  FUZZ_REQUIRE(isfinite(trainer->shared.seconds) && trainer->shared.seconds >= 0);
   return 0;
 }

@@ -19,14 +19,14 @@ static ern_trainer *trainer_of(float noise) {
 /* host_windows of a training frame, as part k of this step has them. */
 static const float *step_windows(ern_trainer *t, size_t frame, size_t k) {
   ern_span windows;
-  const struct ern_arena_mark mark = ern_arena_mark(t->stream);
-  support_ok(made.context, ern_trainer_upload_windows(t, frame, k, &windows));
-  ern_arena_release(t->stream, mark);
-  return t->host_windows;
+  const struct ern_arena_mark mark = ern_arena_mark(t->shared.stream);
+  support_ok(made.context, ern_trainer_upload_windows(&t->speech, frame, k, &windows));
+  ern_arena_release(t->shared.stream, mark);
+  return t->speech.windows;
 }
 
 static void plain_windows(ern_trainer *t, size_t frame, float *to) {
-  support_ok(made.context, ern_trainer_windows(t, 0, frame, to));
+  support_ok(made.context, ern_trainer_windows(&t->speech, 0, frame, to));
 }
 
 /* noise[v][c]: what vector v of the step has beyond plain, in deviations. Checks that all windows agree on it. */
@@ -34,7 +34,7 @@ static void noise_of(const ern_trainer *t, const float *heard, const float *plai
   bool known[VECTORS][WIDTH] = {{false}};
   for (int i = 0; i < VALUES; i++) {
     const int w = i / (LENGTH * WIDTH), c = i % WIDTH, v = 2 * w + i / WIDTH % LENGTH;
-    const float added = (heard[i] - plain[i]) / t->speech_deviation[c];
+    const float added = (heard[i] - plain[i]) / t->speech.deviation[c];
     if (known[v][c]) assert_float_equal(added, noise[v][c], 1e-5); /* rounding of heard */
     noise[v][c] = added;
     known[v][c] = true;
@@ -54,7 +54,7 @@ static void test_speech_noise(void **state) {
   ern_trainer *t = trainer_of(0.5f);
   plain_windows(t, 3, plain);
   double sum = 0, squares = 0;
-  for (t->step = 0; t->step < STEPS; t->step++) {
+  for (t->shared.step = 0; t->shared.step < STEPS; t->shared.step++) {
     noise_of(t, step_windows(t, 3, 1), plain, noise);
     for (int v = 0; v < VECTORS; v++)
       for (int c = 0; c < WIDTH; c++) sum += (double)noise[v][c], squares += (double)noise[v][c] * (double)noise[v][c];
@@ -65,7 +65,7 @@ static void test_speech_noise(void **state) {
   memcpy(first, step_windows(t, 3, 1), sizeof first);
   assert_memory_equal(first, step_windows(t, 3, 1), sizeof first);
   assert_memory_not_equal(first, step_windows(t, 3, 2), sizeof first);
-  t->step++;
+  t->shared.step++;
   assert_memory_not_equal(first, step_windows(t, 3, 1), sizeof first);
   ern_trainer_free(&t);
   made_close(&made);

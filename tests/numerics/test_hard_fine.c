@@ -54,22 +54,22 @@ static void test_patch_places(void **state) {
   ern_trainer *t = NULL;
   support_ok(made.context, ern_trainer_create(&t, made.backend, &made.data, &config));
   for (size_t k = 0; k < 2 * sizeof boxes / sizeof *boxes; k++)
-    for (t->step = 0; t->step < 2; t->step++) {
+    for (t->shared.step = 0; t->shared.step < 2; t->shared.step++) {
       const size_t b = k / 2;
       const bool dub = k % 2 == 1;
       const ern_dataset_frame about = {.lips = boxes[b], .dubbed = boxes[b]};
-      t->config.ray_sampling = dub ? ERN_RAY_SAMPLING_DUB : ERN_RAY_SAMPLING_REGIONS;
-      ern_trainer_place_patches(t, &about, 0, MANY, pixel);
+      t->shared.config.ray_sampling = dub ? ERN_RAY_SAMPLING_DUB : ERN_RAY_SAMPLING_REGIONS;
+      ern_trainer_place_patches(&t->fine, &about, 0, MANY, pixel);
       expect_patches(pixel, MANY);
       /* a box in the last corner: every patch of an odd step, and of a head for dubbing any patch, ends there */
-      if (b == 3 && (dub || t->step == 1))
+      if (b == 3 && (dub || t->shared.step == 1))
         for (size_t p = 0; p < MANY; p++) assert_int_equal(pixel[p * PATCH * PATCH], 4 * SIDE + 4);
       /* half of them at once or one after the other: the same */
       int32_t second[PATCH * PATCH];
-      ern_trainer_place_patches(t, &about, 7, 1, second);
+      ern_trainer_place_patches(&t->fine, &about, 7, 1, second);
       assert_memory_equal(second, pixel + 7 * PATCH * PATCH, sizeof second);
     }
-  t->step = 0;
+  t->shared.step = 0;
   ern_trainer_free(&t);
 }
 
@@ -85,21 +85,21 @@ static void test_rays_of_a_fine_step(void **state) {
   config.frames_per_step = 4;
   support_ok(made.context, ern_trainer_create(&t, made.backend, &made.data, &config));
   for (int step = 0; step < 6; step++) {
-    assert_int_equal(ern_trainer_is_fine(t), step >= 2);
-    assert_int_equal(ern_trainer_step_rays(t), step < 2 ? RAYS + 100 : RAYS);
-    assert_int_equal(ern_trainer_step_frames(t), step < 2 ? 4 : 2);
+    assert_int_equal(ern_trainer_is_fine(&t->fine), step >= 2);
+    assert_int_equal(ern_trainer_step_rays(&t->fine), step < 2 ? RAYS + 100 : RAYS);
+    assert_int_equal(ern_trainer_step_frames(&t->fine), step < 2 ? 4 : 2);
     support_ok(made.context, ern_trainer_step(t, &report));
     assert_true(isfinite(report.loss) && report.samples_per_ray > 0);
-    if (step >= 2) expect_patches(t->host_pixels, 1); /* of the last frame's part */
+    if (step >= 2) expect_patches(t->batches.host_pixels, 1); /* of the last frame's part */
   }
   ern_trainer_free(&t);
   config.rays = 100; /* fewer than a patch has: a step has one all the same */
   support_ok(made.context, ern_trainer_create(&t, made.backend, &made.data, &config));
   for (int step = 0; step < 6; step++) {
-    assert_int_equal(ern_trainer_step_rays(t), step < 2 ? 100 : PATCH * PATCH);
-    assert_int_equal(ern_trainer_step_frames(t), step < 2 ? 4 : 1);
+    assert_int_equal(ern_trainer_step_rays(&t->fine), step < 2 ? 100 : PATCH * PATCH);
+    assert_int_equal(ern_trainer_step_frames(&t->fine), step < 2 ? 4 : 1);
     support_ok(made.context, ern_trainer_step(t, &report));
-    if (step >= 2) expect_patches(t->host_pixels, 1);
+    if (step >= 2) expect_patches(t->batches.host_pixels, 1);
   }
   ern_trainer_free(&t);
 }

@@ -41,9 +41,9 @@ static ern_trainer *torso_trainer(bool over_random, uint64_t iters) {
 
 /* Each ray's truth is the torso picture over the very colour that the layer is drawn over. */
 static void expect_truths(const ern_trainer *trainer, size_t frame) {
-  const float *rows = trainer->host_rows;
+  const float *rows = trainer->batches.host_rows;
   for (size_t i = 0; i < RAYS; i++) {
-    const uint8_t *pixel = made.torso[frame] + 4 * (size_t)trainer->host_pixels[i];
+    const uint8_t *pixel = made.torso[frame] + 4 * (size_t)trainer->batches.host_pixels[i];
     const float alpha = (float)pixel[3] / 255;
     for (size_t c = 0; c < 3; c++) {
       const float back = rows[(3 + c) * RAYS + i];
@@ -67,8 +67,8 @@ static void test_colours_of_the_rays(void **state) {
   expect_truths(clip, 0);
   for (size_t i = 0; i < RAYS; i++)
     for (size_t c = 0; c < 3; c++)
-      assert_true(clip->host_rows[(3 + c) * RAYS + i] ==
-                  (float)made.background[3 * (size_t)clip->host_pixels[i] + c] / 255);
+      assert_true(clip->batches.host_rows[(3 + c) * RAYS + i] ==
+                  (float)made.background[3 * (size_t)clip->batches.host_pixels[i] + c] / 255);
   ern_trainer_free(&clip);
 
   ern_trainer *random = torso_trainer(true, 1);
@@ -77,7 +77,7 @@ static void test_colours_of_the_rays(void **state) {
   for (size_t c = 0; c < 3; c++) { /* uniform: mean 1/2 and variance 1/12, within 6 of their standard deviations */
     double sum = 0, squares = 0;
     for (size_t i = 0; i < RAYS; i++) {
-      const double value = (double)random->host_rows[(3 + c) * RAYS + i] - 0.5;
+      const double value = (double)random->batches.host_rows[(3 + c) * RAYS + i] - 0.5;
       sum += value / RAYS;
       squares += value * value / RAYS;
     }
@@ -171,11 +171,11 @@ static ern_trainer *head_trainer(const ern_dataset *data, bool over_random, int 
 static void batch_rows(const ern_dataset *data, bool over_random, float rows[6 * RAYS], int32_t pixels[RAYS]) {
   ern_trainer *trainer = head_trainer(data, over_random, RAYS, 1);
   struct ern_batch batch;
-  const struct ern_arena_mark mark = ern_arena_mark(trainer->stream);
-  support_ok(made.context, ern_trainer_batch(trainer, 0, &batch));
-  ern_arena_release(trainer->stream, mark);
-  memcpy(rows, trainer->host_rows, 6 * RAYS * sizeof *rows);
-  memcpy(pixels, trainer->host_pixels, RAYS * sizeof *pixels);
+  const struct ern_arena_mark mark = ern_arena_mark(trainer->shared.stream);
+  support_ok(made.context, ern_trainer_batch(&trainer->batches, 0, &batch));
+  ern_arena_release(trainer->shared.stream, mark);
+  memcpy(rows, trainer->batches.host_rows, 6 * RAYS * sizeof *rows);
+  memcpy(pixels, trainer->batches.host_pixels, RAYS * sizeof *pixels);
   ern_trainer_free(&trainer);
 }
 

@@ -86,14 +86,14 @@ static void test_row_of_huge_and_tiny_gradients(void **state) {
   struct made m;
   made_open(&m);
   ern_trainer *trainer = refining(&m);
-  trainer->step = 1; /* the first that moves a row, and moves it furthest */
+  trainer->shared.step = 1; /* the first that moves a row, and moves it furthest */
   for (size_t s = 0; s < sizeof sizes / sizeof *sizes; s++) {
     float before[ERN_POSE_PARAMETERS];
     const float *row = trainer->poses->row + 2 * ERN_POSE_PARAMETERS;
     const double dpose[ERN_POSE_PARAMETERS] = {sizes[s], 0, sizes[s], sizes[s], -sizes[s], 0};
     memcpy(before, row, sizeof before);
     memset(trainer->poses->bend, 0, ERN_POSE_PARAMETERS * FRAMES * sizeof(float)); /* the path does not bend */
-    ern_trainer_poses_step(trainer, 2, dpose);
+    ern_trainer_poses_step(trainer->poses, 2, dpose);
     for (int i = 0; i < ERN_POSE_PARAMETERS; i++) {
       assert_true(isfinite(row[i]));
       assert_true(fabs((double)row[i] - (double)before[i]) <=

@@ -25,15 +25,16 @@ static ern_trainer *trainer_of(const ern_train_config *config) {
 }
 
 static void read_bits(ern_trainer *t, uint8_t *bits) {
-  support_ok(made.context, t->backend->download_bytes(t->stream, bits, t->bits, ERN_OCCUPANCY_BYTES));
+  support_ok(made.context,
+             t->shared.backend->download_bytes(t->shared.stream, bits, t->occupancy.bits, ERN_OCCUPANCY_BYTES));
 }
 
 static void write_parameters(ern_trainer *t, float value) {
-  const size_t n = t->parameters.count;
+  const size_t n = t->shared.parameters.count;
   float *values = malloc(n * sizeof *values);
   assert_non_null(values);
   for (size_t i = 0; i < n; i++) values[i] = value;
-  support_ok(made.context, t->backend->upload_reals(t->stream, t->parameters, values, n));
+  support_ok(made.context, t->shared.backend->upload_reals(t->shared.stream, t->shared.parameters, values, n));
   free(values);
 }
 
@@ -63,10 +64,10 @@ static void test_cells_of_a_constant_density(void **state) {
   made.data.focal = 480; /* rays within 1.7 degrees of the axis leave the box through its back, y = -0.5 */
   ern_trainer *t = trainer_of(&config);
   write_parameters(t, 0);
-  support_ok(made.context, ern_trainer_refresh(t));
+  support_ok(made.context, ern_trainer_refresh(&t->occupancy));
   read_bits(t, before);
-  t->config.prune_share = (float)exp(-(LAST + 0.5) * dt); /* samples 0 to LAST have more */
-  support_ok(made.context, ern_trainer_prune(t));
+  t->shared.config.prune_share = (float)exp(-(LAST + 0.5) * dt); /* samples 0 to LAST have more */
+  support_ok(made.context, ern_trainer_prune(&t->occupancy, t->poses));
   read_bits(t, after);
   double deepest = 0, nearest = 1;
   for (uint32_t c = 0; c < ERN_OCCUPANCY_CELLS; c++) {
@@ -98,25 +99,25 @@ static void test_prune_shares(void **state) {
   read_bits(t, all);
   memcpy(bits[1], all, sizeof all);
   for (size_t k = 0; k < sizeof shares / sizeof *shares; k++) {
-    t->config.prune_share = shares[k];
-    support_ok(made.context, t->backend->upload_bytes(t->stream, t->bits, all, sizeof all));
-    support_ok(made.context, ern_trainer_prune(t));
+    t->shared.config.prune_share = shares[k];
+    support_ok(made.context, t->shared.backend->upload_bytes(t->shared.stream, t->occupancy.bits, all, sizeof all));
+    support_ok(made.context, ern_trainer_prune(&t->occupancy, t->poses));
     memcpy(bits[0], bits[1], sizeof all);
     read_bits(t, bits[1]);
     for (size_t i = 0; i < sizeof all; i++) assert_int_equal(bits[1][i] & ~bits[0][i], 0);
-    assert_true(t->pruned);
+    assert_true(t->occupancy.pruned);
     if (k == 0) most = count_of(bits[1]);
   }
   assert_true(most < count_of(all) && count_of(bits[1]) < most && count_of(bits[1]) > 0);
   const size_t seen = count_of(bits[0]);
-  support_ok(made.context, t->backend->upload_bytes(t->stream, t->bits, bits[0], sizeof all));
+  support_ok(made.context, t->shared.backend->upload_bytes(t->shared.stream, t->occupancy.bits, bits[0], sizeof all));
   write_parameters(t, NAN);
-  support_ok(made.context, ern_trainer_prune(t));
+  support_ok(made.context, ern_trainer_prune(&t->occupancy, t->poses));
   read_bits(t, bits[1]);
   assert_true(count_of(bits[1]) > 0 && count_of(bits[1]) <= seen);
   memset(bits[0], 0, sizeof all);
-  support_ok(made.context, t->backend->upload_bytes(t->stream, t->bits, bits[0], sizeof all));
-  support_ok(made.context, ern_trainer_prune(t));
+  support_ok(made.context, t->shared.backend->upload_bytes(t->shared.stream, t->occupancy.bits, bits[0], sizeof all));
+  support_ok(made.context, ern_trainer_prune(&t->occupancy, t->poses));
   read_bits(t, bits[1]);
   assert_int_equal(count_of(bits[1]), 0);
   support_ok(made.context, ern_trainer_step(t, &report) == ERN_E_NONFINITE ? ERN_OK : ERN_E_STATE);
@@ -139,7 +140,7 @@ static void train_on(const char *output, bool resume, uint64_t steps, ern_train_
   config.overwrite = !resume;
   ern_trainer *t = trainer_of(&config);
   for (uint64_t k = 0; k < steps; k++) support_ok(made.context, ern_trainer_step(t, &report));
-  assert_true(t->pruned == (t->step > 34)); /* the first step at or after 0.85 of 40 prunes */
+  assert_true(t->occupancy.pruned == (t->shared.step > 34)); /* the first step at or after 0.85 of 40 prunes */
   support_ok(made.context, ern_trainer_save(t));
   ern_trainer_free(&t);
 }
@@ -178,13 +179,13 @@ static void test_pruning_resumed_for_longer(void **state) {
   config.iters = 200;
   config.refresh_every = 8;
   ern_trainer *t = trainer_of(&config);
-  assert_false(t->pruned);
+  assert_false(t->occupancy.pruned);
   read_bits(t, bits[0]);
   for (int k = 0; k < 10; k++) support_ok(made.context, ern_trainer_step(t, &report));
   read_bits(t, bits[1]);
-  assert_true(!t->pruned && count_of(bits[1]) > count_of(bits[0]));
+  assert_true(!t->occupancy.pruned && count_of(bits[1]) > count_of(bits[0]));
   for (int k = 0; k < 130; k++) support_ok(made.context, ern_trainer_step(t, &report));
-  assert_true(t->step == 180 && t->pruned);
+  assert_true(t->shared.step == 180 && t->occupancy.pruned);
   ern_trainer_free(&t);
 }
 

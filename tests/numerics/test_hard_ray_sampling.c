@@ -31,13 +31,13 @@ static void count_rays(ern_ray_sampling sampling, const ern_model *head, int cou
   config.torso = head != NULL;
   config.head = head;
   support_ok(made.context, ern_trainer_create(&trainer, made.backend, &made.data, &config));
-  const struct ern_arena_mark mark = ern_arena_mark(trainer->stream);
-  support_ok(made.context, ern_trainer_batch(trainer, 0, &batch));
-  ern_arena_release(trainer->stream, mark);
+  const struct ern_arena_mark mark = ern_arena_mark(trainer->shared.stream);
+  support_ok(made.context, ern_trainer_batch(&trainer->batches, 0, &batch));
+  ern_arena_release(trainer->shared.stream, mark);
   memset(count, 0, PIXELS * sizeof *count);
   for (int i = 0; i < RAYS; i++) {
-    assert_in_range(trainer->host_pixels[i], 0, PIXELS - 1);
-    count[trainer->host_pixels[i]]++;
+    assert_in_range(trainer->batches.host_pixels[i], 0, PIXELS - 1);
+    count[trainer->batches.host_pixels[i]]++;
   }
   ern_trainer_free(&trainer);
 }
@@ -245,7 +245,8 @@ static void count_frames(ern_ray_sampling sampling, const ern_dataset *data, int
   config.ray_sampling = sampling;
   support_ok(made.context, ern_trainer_create(&trainer, made.backend, data, &config));
   memset(count, 0, FRAMES * sizeof *count);
-  for (trainer->step = 0; trainer->step < DRAWS; trainer->step++) count[ern_trainer_step_frame(trainer, 0)]++;
+  for (trainer->shared.step = 0; trainer->shared.step < DRAWS; trainer->shared.step++)
+    count[ern_trainer_step_frame(&trainer->batches, 0)]++;
   ern_trainer_free(&trainer);
 }
 

@@ -150,12 +150,12 @@ static char *drawn_model(struct made *m, bool ahead, size_t *count) {
   ern_model *model = NULL;
   ern_train_report report;
   support_ok(m->context, ern_trainer_create(&trainer, m->backend, &m->data, &config));
-  trainer->cell_count = 64; /* all cells would take the reference seconds */
+  trainer->occupancy.cell_count = 64; /* all cells would take the reference seconds */
   for (uint64_t step = 1; step <= config.iters; step++) {
     support_ok(m->context, ern_trainer_step(trainer, &report));
-    if (!ahead) trainer->drawn.step = 0;
+    if (!ahead) trainer->batches.drawn.step = 0;
     const bool drawn = ahead && step < config.iters && ((struct failing *)m->data.user)->good != -1;
-    assert_int_equal(trainer->drawn.step, drawn ? step : 0);
+    assert_int_equal(trainer->batches.drawn.step, drawn ? step : 0);
   }
   support_ok(m->context, ern_trainer_model(trainer, &model));
   support_ok(m->context, ern_model_save(model, "drawn.safetensors"));

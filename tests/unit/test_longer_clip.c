@@ -50,13 +50,13 @@ static ern_trainer *begun(const ern_train_config *config) {
 
 /* Values of a tensor that a trainer has in one of its blocks; the caller frees them. */
 static float *values_of(ern_trainer *t, ern_span block, const char *name, size_t *count) {
-  const struct ern_parameter *row = ern_parameters_find(&t->model->table, name);
+  const struct ern_parameter *row = ern_parameters_find(&t->shared.model->table, name);
   assert_non_null(row);
   float *values = malloc(row->count * sizeof *values);
   assert_non_null(values);
   *count = row->count;
-  support_ok(made.context,
-             t->backend->download_reals(t->stream, values, ern_span_part(block, row->at, row->count), row->count));
+  support_ok(made.context, t->shared.backend->download_reals(t->shared.stream, values,
+                                                             ern_span_part(block, row->at, row->count), row->count));
   return values;
 }
 
@@ -87,13 +87,15 @@ static void test_to_a_longer_clip(void **state) {
   made.data.frames[0] = FRAMES;
   ern_trainer_describe(longer, &report);
   assert_int_equal(report.step, 12);
-  expect_rows(longer, longer->parameters, same, same->parameters, "individual_codes", 0, KEPT);
-  expect_rows(longer, longer->second_moment, same, same->second_moment, "individual_codes", 0, KEPT);
-  expect_rows(longer, longer->average, same, same->average, "individual_codes", 0, KEPT);
-  expect_rows(longer, longer->parameters, same, same->parameters, "color_net.net.0.weight", 0, 8);
-  expect_rows(longer, longer->parameters, fresh, fresh->parameters, "individual_codes", KEPT, ERN_CODE_WIDTH);
-  expect_rows(longer, longer->average, fresh, fresh->parameters, "individual_codes", KEPT, ERN_CODE_WIDTH);
-  float *moment = values_of(longer, longer->second_moment, "individual_codes", &count);
+  expect_rows(longer, longer->shared.parameters, same, same->shared.parameters, "individual_codes", 0, KEPT);
+  expect_rows(longer, longer->values.second_moment, same, same->values.second_moment, "individual_codes", 0, KEPT);
+  expect_rows(longer, longer->values.average, same, same->values.average, "individual_codes", 0, KEPT);
+  expect_rows(longer, longer->shared.parameters, same, same->shared.parameters, "color_net.net.0.weight", 0, 8);
+  expect_rows(longer, longer->shared.parameters, fresh, fresh->shared.parameters, "individual_codes", KEPT,
+              ERN_CODE_WIDTH);
+  expect_rows(longer, longer->values.average, fresh, fresh->shared.parameters, "individual_codes", KEPT,
+              ERN_CODE_WIDTH);
+  float *moment = values_of(longer, longer->values.second_moment, "individual_codes", &count);
   assert_int_equal(count, FRAMES * ERN_CODE_WIDTH);
   for (size_t i = KEPT; i < count; i++) assert_true(moment[i] == 0);
   free(moment);
@@ -113,9 +115,9 @@ static void test_to_a_shorter_clip(void **state) {
   ern_trainer *shorter = begun(&config);
   if (strstr(reported, "3 individual codes for the 2 of this training: the first 2 are kept") == NULL)
     fail_msg("the log says \"%s\"", reported);
-  expect_rows(shorter, shorter->parameters, same, same->parameters, "individual_codes", 0, KEPT);
-  expect_rows(shorter, shorter->second_moment, same, same->second_moment, "individual_codes", 0, KEPT);
-  free(values_of(shorter, shorter->parameters, "individual_codes", &count));
+  expect_rows(shorter, shorter->shared.parameters, same, same->shared.parameters, "individual_codes", 0, KEPT);
+  expect_rows(shorter, shorter->values.second_moment, same, same->values.second_moment, "individual_codes", 0, KEPT);
+  free(values_of(shorter, shorter->shared.parameters, "individual_codes", &count));
   assert_int_equal(count, KEPT);
   support_ok(made.context, ern_trainer_run(shorter, NULL));
   made.data.frames[0] = FRAMES;
@@ -145,15 +147,16 @@ static void test_torso_to_a_longer_clip(void **state) {
   config.head = early;
   ern_trainer *same = begun(&config);
   made.data.frames[0] = FRAMES;
-  expect_rows(longer, longer->parameters, same, same->parameters, "individual_codes_torso", 0,
+  expect_rows(longer, longer->shared.parameters, same, same->shared.parameters, "individual_codes_torso", 0,
               3 * ERN_TORSO_CODE_WIDTH);
-  expect_rows(longer, longer->second_moment, same, same->second_moment, "individual_codes_torso", 0,
+  expect_rows(longer, longer->values.second_moment, same, same->values.second_moment, "individual_codes_torso", 0,
               3 * ERN_TORSO_CODE_WIDTH);
-  expect_rows(longer, longer->parameters, fresh, fresh->parameters, "individual_codes_torso", 3 * ERN_TORSO_CODE_WIDTH,
-              ERN_TORSO_CODE_WIDTH);
-  expect_rows(longer, longer->parameters, same, same->parameters, "torso_net.net.0.weight", 0, 8);
-  expect_rows(longer, longer->parameters, fresh, fresh->parameters, "individual_codes", 0, FRAMES * ERN_CODE_WIDTH);
-  expect_rows(longer, longer->parameters, fresh, fresh->parameters, "color_net.net.0.weight", 0, 8);
+  expect_rows(longer, longer->shared.parameters, fresh, fresh->shared.parameters, "individual_codes_torso",
+              3 * ERN_TORSO_CODE_WIDTH, ERN_TORSO_CODE_WIDTH);
+  expect_rows(longer, longer->shared.parameters, same, same->shared.parameters, "torso_net.net.0.weight", 0, 8);
+  expect_rows(longer, longer->shared.parameters, fresh, fresh->shared.parameters, "individual_codes", 0,
+              FRAMES * ERN_CODE_WIDTH);
+  expect_rows(longer, longer->shared.parameters, fresh, fresh->shared.parameters, "color_net.net.0.weight", 0, 8);
   support_ok(made.context, ern_trainer_run(longer, NULL));
   ern_model *portrait = NULL;
   ern_model_info info;

@@ -13,14 +13,14 @@ static struct made data;
 
 /* Leaves one of so many cells, evenly, in the list of those that a refresh looks at. */
 static void thin_out(ern_trainer *trainer) {
-  const struct ern_backend *backend = trainer->backend;
-  const size_t count = trainer->cell_count, left = count / SPARSER;
+  const struct ern_backend *backend = trainer->shared.backend;
+  const size_t count = trainer->occupancy.cell_count, left = count / SPARSER;
   int32_t *cells = malloc(count * sizeof *cells);
   assert_non_null(cells);
-  support_ok(data.context, backend->download_int32(trainer->stream, cells, trainer->cells, count));
+  support_ok(data.context, backend->download_int32(trainer->shared.stream, cells, trainer->occupancy.cells, count));
   for (size_t i = 0; i < left; i++) cells[i] = cells[SPARSER * i];
-  support_ok(data.context, backend->upload_int32(trainer->stream, trainer->cells, cells, left));
-  trainer->cell_count = left;
+  support_ok(data.context, backend->upload_int32(trainer->shared.stream, trainer->occupancy.cells, cells, left));
+  trainer->occupancy.cell_count = left;
   free(cells);
 }
 
@@ -38,7 +38,7 @@ static char *train_kind(ern_backbone backbone, int threads, uint64_t seed, size_
   support_ok(data.context, ern_trainer_create(&trainer, data.backend, &data.data, &config));
   thin_out(trainer);
   for (int step = 0; step < STEPS; step++) support_ok(data.context, ern_trainer_step(trainer, &report));
-  assert_true(isfinite(report.loss) && report.loss > 0 && trainer->cell_count > 100);
+  assert_true(isfinite(report.loss) && report.loss > 0 && trainer->occupancy.cell_count > 100);
   support_ok(data.context, ern_trainer_model(trainer, &model));
   support_ok(data.context, ern_model_save(model, "kind.safetensors"));
   ern_model_free(&model);
@@ -98,14 +98,14 @@ static void test_interval(void **state) {
   config.rays = 1;
   ern_trainer *trainer = make(&config);
   for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
-    trainer->config.refresh_every = cases[i].asked;
-    trainer->config.rays = cases[i].rays;
-    trainer->step = ERN_REFRESH_WARM_UP - 1;
-    assert_int_equal(ern_trainer_refresh_every(trainer), cases[i].first);
-    trainer->step = ERN_REFRESH_WARM_UP;
-    assert_int_equal(ern_trainer_refresh_every(trainer), cases[i].later);
+    trainer->shared.config.refresh_every = cases[i].asked;
+    trainer->shared.config.rays = cases[i].rays;
+    trainer->shared.step = ERN_REFRESH_WARM_UP - 1;
+    assert_int_equal(ern_trainer_refresh_every(&trainer->shared), cases[i].first);
+    trainer->shared.step = ERN_REFRESH_WARM_UP;
+    assert_int_equal(ern_trainer_refresh_every(&trainer->shared), cases[i].later);
   }
-  trainer->config.rays = 1;
+  trainer->shared.config.rays = 1;
   ern_trainer_free(&trainer);
 }
 
@@ -118,22 +118,24 @@ static void test_turns(void **state) {
   ern_train_config config = small_config(100000, NULL);
   config.rays = 64;
   ern_trainer *trainer = make(&config);
-  const struct ern_backend *backend = trainer->backend;
-  const size_t all = trainer->cell_count;
-  support_ok(data.context, backend->download_int32(trainer->stream, cells, trainer->cells, all));
+  const struct ern_backend *backend = trainer->shared.backend;
+  const size_t all = trainer->occupancy.cell_count;
+  support_ok(data.context, backend->download_int32(trainer->shared.stream, cells, trainer->occupancy.cells, all));
   for (size_t i = 0; i < all; i++) seen[cells[i] / ERN_OCCUPANCY_BLOCK] = 20; /* may be looked at */
   const int32_t near = cells[all / 2] / ERN_OCCUPANCY_BLOCK;
   take_steps(trainer, 1);
-  assert_int_equal(trainer->cell_count, all);
+  assert_int_equal(trainer->occupancy.cell_count, all);
   bits[ERN_OCCUPANCY_BLOCK / 8 * near + 3] = 4;
   for (uint64_t turn = 0; turn < 16; turn++) {
-    trainer->step = LATE + 128 * turn;
-    support_ok(data.context, backend->upload_bytes(trainer->stream, trainer->bits, bits, ERN_OCCUPANCY_BYTES));
+    trainer->shared.step = LATE + 128 * turn;
+    support_ok(data.context,
+               backend->upload_bytes(trainer->shared.stream, trainer->occupancy.bits, bits, ERN_OCCUPANCY_BYTES));
     take_steps(trainer, 1);
-    assert_in_range(trainer->cell_count, 1, all / 8);
-    support_ok(data.context, backend->download_int32(trainer->stream, cells, trainer->cells, trainer->cell_count));
+    assert_in_range(trainer->occupancy.cell_count, 1, all / 8);
+    support_ok(data.context, backend->download_int32(trainer->shared.stream, cells, trainer->occupancy.cells,
+                                                     trainer->occupancy.cell_count));
     int32_t before = -1;
-    for (size_t i = 0; i < trainer->cell_count; i++) {
+    for (size_t i = 0; i < trainer->occupancy.cell_count; i++) {
       const int32_t block = cells[i] / ERN_OCCUPANCY_BLOCK;
       if (block != before) seen[block]++;
       before = block;
@@ -153,22 +155,25 @@ static void train_late(int threads, bool resumed, float *grid, float *values) {
   config.overwrite = true;
   ern_trainer *trainer = make(&config);
   take_steps(trainer, 1);
-  trainer->step = LATE;
+  trainer->shared.step = LATE;
   take_steps(trainer, 2);
-  const size_t first = trainer->cell_count;
+  const size_t first = trainer->occupancy.cell_count;
   if (resumed) {
     support_ok(data.context, ern_trainer_save(trainer));
     ern_trainer_free(&trainer);
     config.overwrite = false;
     config.resume = true;
     trainer = make(&config);
-    assert_int_equal(trainer->step, LATE + 2);
+    assert_int_equal(trainer->shared.step, LATE + 2);
   }
   take_steps(trainer, 127);
-  assert_true(trainer->step == LATE + 129 && trainer->cell_count > 0 && trainer->cell_count != first);
-  support_ok(data.context, trainer->backend->download_reals(trainer->stream, grid, trainer->grid, ERN_OCCUPANCY_CELLS));
+  assert_true(trainer->shared.step == LATE + 129 && trainer->occupancy.cell_count > 0 &&
+              trainer->occupancy.cell_count != first);
+  support_ok(data.context, trainer->shared.backend->download_reals(trainer->shared.stream, grid,
+                                                                   trainer->occupancy.grid, ERN_OCCUPANCY_CELLS));
   support_ok(data.context,
-             trainer->backend->download_reals(trainer->stream, values, trainer->parameters, trainer->parameters.count));
+             trainer->shared.backend->download_reals(trainer->shared.stream, values, trainer->shared.parameters,
+                                                     trainer->shared.parameters.count));
   ern_trainer_free(&trainer);
 }
 
@@ -215,7 +220,7 @@ static char *train_poses(int threads, bool stop, size_t *count) {
     ern_trainer_free(&trainer);
     config.resume = true;
     trainer = make(&config);
-    assert_int_equal(trainer->step, 13);
+    assert_int_equal(trainer->shared.step, 13);
   }
   support_ok(data.context, ern_trainer_run(trainer, NULL));
   ern_trainer_free(&trainer);
@@ -258,18 +263,18 @@ static void test_pose_mean(void **state) {
   many.frames[0] = MANY;
   many.frame = swinging_frame;
   support_ok(data.context, ern_trainer_create(&trainer, data.backend, &many, &config));
-  float *row = trainer->poses->row, *camera = trainer->model->camera;
+  float *row = trainer->poses->row, *camera = trainer->shared.model->camera;
   const float degree = 3.14159265f / 180;
   float mean = 0;
-  for (size_t i = 0; i < MANY; i++) mean += trainer->views[i].pose[3] / MANY;
-  for (size_t i = 0; i < MANY; i++) row[6 * i] = 0.01f + 0.2f * trainer->views[i].pose[3];
-  ern_trainer_poses_step(trainer, 0, none); /* bends the path of frame 0 and of its neighbours */
-  support_ok(data.context, ern_trainer_poses_download(trainer));
+  for (size_t i = 0; i < MANY; i++) mean += trainer->shared.views[i].pose[3] / MANY;
+  for (size_t i = 0; i < MANY; i++) row[6 * i] = 0.01f + 0.2f * trainer->shared.views[i].pose[3];
+  ern_trainer_poses_step(trainer->poses, 0, none); /* bends the path of frame 0 and of its neighbours */
+  support_ok(data.context, ern_trainer_poses_download(trainer->poses));
   for (size_t i = 3; i < MANY - 3; i++) {
-    const float expected = 0.2f * (trainer->views[i].pose[3] - mean) / degree;
+    const float expected = 0.2f * (trainer->shared.views[i].pose[3] - mean) / degree;
     double predicted[ERN_POSE_NUMBERS];
     assert_true(fabsf(camera[3 * i] - expected) < 0.02f);
-    ern_pose_regression_predict(&trainer->model->unseen, trainer->views[i].pose, predicted);
+    ern_pose_regression_predict(&trainer->shared.model->unseen, trainer->shared.views[i].pose, predicted);
     /* a ridge of 0.3 leaves m/(m + 0.3) of the slope, where m of the six numbers say the same */
     if (fabsf(expected) > 0.1f)
       assert_true(predicted[0] / (double)expected > 0.6 && predicted[0] / (double)expected < 1.1);
@@ -290,7 +295,7 @@ static void test_poses_left_alone(void **state) {
   support_ok(data.context, ern_trainer_model(trainer, &model));
   for (size_t i = 0; i < 4; i++) {
     double predicted[ERN_POSE_NUMBERS];
-    ern_pose_regression_predict(&model->unseen, trainer->views[i].pose, predicted);
+    ern_pose_regression_predict(&model->unseen, trainer->shared.views[i].pose, predicted);
     for (size_t k = 0; k < 3; k++)
       if (i == 0 || i == 3)
         assert_true(model->camera[3 * i + k] == (float)predicted[k] &&

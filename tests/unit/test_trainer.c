@@ -493,7 +493,8 @@ static void test_refresh_every_long(void **state) {
   support_ok(m.context, ern_trainer_create(&trainer, m.backend, &m.data, &config));
   for (int step = 0; step < 7; step++) {
     support_ok(m.context, ern_trainer_step(trainer, &report));
-    support_ok(m.context, trainer->backend->download_reals(trainer->stream, after, trainer->grid, ERN_OCCUPANCY_CELLS));
+    support_ok(m.context, trainer->shared.backend->download_reals(trainer->shared.stream, after,
+                                                                  trainer->occupancy.grid, ERN_OCCUPANCY_CELLS));
     assert_int_equal(memcmp(before, after, bytes) != 0, step % 3 == 0);
     memcpy(before, after, bytes);
   }

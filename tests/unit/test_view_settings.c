@@ -249,9 +249,10 @@ static void test_states_of_others(void **state) {
   "},\"torso_layer\":true,\"features\":\"\","                          \
   "\"fingerprint\":\"\",\"seconds_beside\":0,\"fine_loss\":\"ssim\",\"pruned\":false}}"
   support_ok(made.context, ern_state_about_parse(made.context, "{" STATE "}", "s", &about));
-  assert_true(!about.said && about.step == 4);
+  assert_true(!about.has_settings && about.step == 4);
   support_ok(made.context, ern_state_about_parse(made.context, SETTINGS(",\"lr\":\"0.02\""), "s", &about));
-  assert_true(about.said && about.config.lr == 0.02f && about.config.lr_net == 1e-3f && about.fine_from == UINT64_MAX);
+  assert_true(about.has_settings && about.config.lr == 0.02f && about.config.lr_net == 1e-3f &&
+              about.fine_from == UINT64_MAX);
   static const char *const wrong[][2] = {{SETTINGS(",\"iters\":\"0\""), "training.iters"},
                                          {SETTINGS(",\"iters\":5"), "training.iters"},
                                          {SETTINGS(",\"of_tomorrow\":\"5\""), "training.of_tomorrow"},

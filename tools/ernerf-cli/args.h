@@ -7,7 +7,7 @@
 
 #include "ernerf/base.h"
 #include "option_table.h"
-#include "session/rate.h"
+#include "rate.h"
 #include "setting_choice.h"
 
 enum { EXIT_USAGE = 2 }; /* wrong usage; EXIT_FAILURE (1) means that the work failed */

@@ -77,7 +77,7 @@ static ern_status keep(void *user, const struct ern_bench_call *call) {
   struct subject *subject = source->subject;
   if (!wanted(source, call)) return ERN_OK;
   const struct ern_bench_call_cost cost = ern_bench_call_cost(
-      call, source->trainer != NULL ? &source->trainer->model->field : &source->data.scene->model->field,
+      call, source->trainer != NULL ? &source->trainer->shared.model->field : &source->data.scene->model->field,
       subject->backend->real_bytes);
   if (cost.name == NULL) return ERN_OK;
   size_t at = 0;
@@ -96,18 +96,20 @@ static ern_status make_calls(struct source *source, size_t cells) {
   ern_status status = ERN_OK;
   ern_bench_shim_listen(source->shim, keep, source);
   if (source->kind == HEAD_REFRESH) {
-    ERN_TRY(ern_trainer_mark(t));
-    ERN_TRY(ern_trainer_list(t));
+    ERN_TRY(ern_trainer_mark(&t->occupancy));
+    ERN_TRY(ern_trainer_list(&t->occupancy));
   }
-  if (t->cell_count > cells) t->cell_count = cells;
-  t->step = ERN_REFRESH_EVERY;
+  if (t->occupancy.cell_count > cells) t->occupancy.cell_count = cells;
+  t->shared.step = ERN_REFRESH_EVERY;
   if (source->kind == HEAD_REFRESH || source->kind == TORSO_REFRESH) {
-    ERN_TRY(ern_trainer_refresh(t));
+    ERN_TRY(ern_trainer_refresh(&t->occupancy));
   } else {
     ERN_TRY(ern_trainer_step(t, &report));
-    struct ern_ema_args ema = {
-        .average = t->average, .parameters = t->parameters, .decay = 0.95f, .n = t->model->field.parameters};
-    ERN_TRY(t->backend->ema(t->stream, &ema));
+    struct ern_ema_args ema = {.average = t->values.average,
+                               .parameters = t->shared.parameters,
+                               .decay = 0.95f,
+                               .n = t->shared.model->field.parameters};
+    ERN_TRY(t->shared.backend->ema(t->shared.stream, &ema));
   }
 fail:
   ern_bench_shim_listen(source->shim, NULL, NULL);
@@ -232,7 +234,7 @@ static ern_status measure(struct kernels *kernels, size_t number, double seconds
     kernels->at[k] = at;
     /* gradients accumulate: they are cleared before they overflow */
     const struct ern_trainer *t = subject->kept[at].source->trainer;
-    const ern_status zeroed = t != NULL ? t->backend->zero(t->stream, t->gradient) : ERN_OK;
+    const ern_status zeroed = t != NULL ? t->shared.backend->zero(t->shared.stream, t->values.gradient) : ERN_OK;
     if (zeroed != ERN_OK) return zeroed;
   }
   ern_status status = ern_bench_take_turns(&turns, timing);

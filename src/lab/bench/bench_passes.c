@@ -301,13 +301,13 @@ static ern_status step(void *user, size_t which, size_t times) {
   ern_train_report report;
   ern_status status = ERN_OK;
   for (size_t k = 0; k < times && status == ERN_OK; k++) {
-    t->step = passes->sixteenth ? ERN_REFRESH_WARM_UP : 1;
+    t->shared.step = passes->sixteenth ? ERN_REFRESH_WARM_UP : 1;
     /* Every backend steps with the batch that is drawn ahead for the next step, so all compute the same rays. One that
      * does not draw during a step draws here. */
-    if (t->drawn.step == 0) ern_trainer_draw_ahead(t);
-    if (t->drawn.step > 0) t->drawn.step = t->step;
+    if (t->batches.drawn.step == 0) ern_trainer_draw_ahead(&t->batches);
+    if (t->batches.drawn.step > 0) t->batches.drawn.step = t->shared.step;
     status = ern_trainer_step(t, &report);
-    s->samples += report.samples_per_ray * t->config.rays;
+    s->samples += report.samples_per_ray * t->shared.config.rays;
     s->calls++;
     if (status == ERN_OK && passes->sixteenth) status = ern_bench_trainer_restore(t, s->scene);
   }
@@ -321,7 +321,7 @@ static void sum_plain_step(struct subject *s, bool torso) {
   double seconds[STAGES];
   stage_seconds(s, seconds);
   for (int i = 0; i <= STAGE_FUSED; i++) add_stage(pass, stage_name[i], seconds[i] / n);
-  pass->rays = s->trainer->config.rays;
+  pass->rays = s->trainer->shared.config.rays;
   pass->marched = pass->evaluated = pass->colours = s->samples / n;
   pass->flops_written =
       pass->evaluated * (torso ? ern_bench_cost_torso_step(field, false) : ern_bench_cost_head_step(field, false));
@@ -335,7 +335,7 @@ static void add_sixteenth(struct subject *s, const ern_bench_timing *more, bool 
   double seconds[STAGES];
   stage_seconds(s, seconds);
   const double outside = seconds[STAGE_REFRESH] / (double)s->calls;
-  const double refresh = outside / (double)ern_trainer_refresh_every(s->trainer);
+  const double refresh = outside / (double)ern_trainer_refresh_every(&s->trainer->shared);
   const double smooth = torso ? 0 : fmax(more->median - pass->seconds.median - outside, 0) / ERN_SMOOTH_EVERY;
   add_stage(pass, "refresh", refresh);
   add_stage(pass, "smoothness", smooth);

@@ -42,12 +42,14 @@ static ern_status give_pixels(void *user, int split, size_t index, const uint8_t
 
 ern_status ern_bench_trainer_restore(struct ern_trainer *t, const struct ern_bench_scene *scene) {
   const struct ern_model *model = scene->model;
-  ern_status status = t->backend->upload_bytes(t->stream, t->bits, model->bits, ERN_OCCUPANCY_BYTES);
-  if (status == ERN_OK && t->config.torso && model->torso_grid != NULL) {
+  ern_status status =
+      t->shared.backend->upload_bytes(t->shared.stream, t->occupancy.bits, model->bits, ERN_OCCUPANCY_BYTES);
+  if (status == ERN_OK && t->shared.config.torso && model->torso_grid != NULL) {
     double sum = 0;
     for (size_t i = 0; i < ERN_TORSO_CELLS; i++) sum += (double)model->torso_grid[i];
-    t->torso_mean = sum / ERN_TORSO_CELLS;
-    status = t->backend->upload_reals(t->stream, t->torso_grid, model->torso_grid, ERN_TORSO_CELLS);
+    t->occupancy.torso_mean = sum / ERN_TORSO_CELLS;
+    status =
+        t->shared.backend->upload_reals(t->shared.stream, t->occupancy.torso_grid, model->torso_grid, ERN_TORSO_CELLS);
   }
   return status;
 }
@@ -57,27 +59,29 @@ ern_status ern_bench_trainer_restore(struct ern_trainer *t, const struct ern_ben
 static ern_status fill_grid(struct ern_trainer *t, const uint8_t *bits) {
   float *grid = NULL;
   ern_status status = ERN_OK;
-  if (t->config.torso) return ERN_OK;
-  ERN_TRY(ERN_NEW(t->context, ERN_OCCUPANCY_CELLS, &grid));
-  ERN_TRY(t->backend->download_reals(t->stream, grid, t->grid, ERN_OCCUPANCY_CELLS));
+  if (t->shared.config.torso) return ERN_OK;
+  ERN_TRY(ERN_NEW(t->shared.context, ERN_OCCUPANCY_CELLS, &grid));
+  ERN_TRY(t->shared.backend->download_reals(t->shared.stream, grid, t->occupancy.grid, ERN_OCCUPANCY_CELLS));
   for (size_t c = 0; c < ERN_OCCUPANCY_CELLS; c++)
     if (bits[c / 8] >> c % 8 & 1 && grid[c] >= 0) grid[c] = 1e30f;
-  status = t->backend->upload_reals(t->stream, t->grid, grid, ERN_OCCUPANCY_CELLS);
+  status = t->shared.backend->upload_reals(t->shared.stream, t->occupancy.grid, grid, ERN_OCCUPANCY_CELLS);
 fail:
-  ern_release(t->context, grid);
+  ern_release(t->shared.context, grid);
   return status;
 }
 
 /* Copies the scene's values by name: the trainer of a head alone has another layout, without the torso's rows. */
 static ern_status take_values(struct ern_trainer *t, const struct ern_bench_scene *scene) {
   const struct ern_model *model = scene->model;
-  for (int r = 0; r < t->model->table.rows; r++) {
-    const struct ern_parameter *row = &t->model->table.row[r], *from = ern_parameters_find(&model->table, row->name);
+  for (int r = 0; r < t->shared.model->table.rows; r++) {
+    const struct ern_parameter *row = &t->shared.model->table.row[r],
+                               *from = ern_parameters_find(&model->table, row->name);
     if (from == NULL || from->count < row->count)
-      return ern_fail(t->context, ERN_E_MISMATCH, "bench: the model has no %s", row->name);
-    memcpy(t->model->block + row->at, model->block + from->at, row->count * sizeof(float));
+      return ern_fail(t->shared.context, ERN_E_MISMATCH, "bench: the model has no %s", row->name);
+    memcpy(t->shared.model->block + row->at, model->block + from->at, row->count * sizeof(float));
   }
-  ern_status status = t->backend->upload_reals(t->stream, t->parameters, t->model->block, t->model->field.parameters);
+  ern_status status = t->shared.backend->upload_reals(t->shared.stream, t->shared.parameters, t->shared.model->block,
+                                                      t->shared.model->field.parameters);
   if (status == ERN_OK) status = fill_grid(t, model->bits);
   if (status == ERN_OK) status = ern_bench_trainer_restore(t, scene);
   return status;

@@ -10,11 +10,11 @@
 #include "dub/turning_path.h"
 #include "ernerf/speech.h"
 #include "output/label.h"
-#include "output/progress.h"
 #include "output/provenance_output.h"
 #include "output/sink.h"
 #include "output/watermark_output.h"
 #include "session/portrait.h"
+#include "session/progress.h"
 #include "session/silence_pose.h"
 #include "verbs.h"
 

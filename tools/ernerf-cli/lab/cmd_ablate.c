@@ -11,9 +11,9 @@
 #include "ernerf/train.h"
 #include "evaluation/evaluate.h"
 #include "lab/ablation.h"
-#include "output/progress.h"
 #include "session/clip_source.h"
 #include "session/pareto.h"
+#include "session/progress.h"
 #include "verbs.h"
 
 enum { OWN_OPTIONS = 9 + CLIP_SOURCE_OPTIONS, PATH_BYTES = 4096 };

@@ -6,9 +6,9 @@
 #include <unistd.h>
 
 #include "lab/bench_report.h"
-#include "output/progress.h"
 #include "session/background.h"
 #include "session/portrait.h"
+#include "session/progress.h"
 #include "verbs.h"
 
 enum { AUDIO_WINDOWS = 8, LANDMARKS = 68, OWN_OPTIONS = 7, PLACE_OPTIONS = 4, NAME_BYTES = 128, SIDE = 450 };

@@ -7,7 +7,7 @@
 #include "lab/compare.h"
 #include "lab/compare_files.h"
 #include "output/plot.h"
-#include "output/progress.h"
+#include "session/progress.h"
 #include "verbs.h"
 
 /* PICTURE_BYTES: memory for the clip's pictures without `memory`: practically none, as each is read only a few times in

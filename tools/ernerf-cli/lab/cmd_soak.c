@@ -9,7 +9,7 @@
 #include <unistd.h>
 
 #include "lab/soak.h"
-#include "output/progress.h"
+#include "session/progress.h"
 #include "session/session.h"
 #include "verbs.h"
 

@@ -5,7 +5,7 @@
 #include <string.h>
 
 #include "ernerf-lab/synth.h"
-#include "output/progress.h"
+#include "session/progress.h"
 #include "session/session.h"
 #include "verbs.h"
 

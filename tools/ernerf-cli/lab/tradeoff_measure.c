@@ -6,7 +6,7 @@
 #include <string.h>
 
 #include "lab/tradeoff_points.h"
-#include "output/progress.h"
+#include "session/progress.h"
 
 /* EXACT_STEPS: the largest number of samples a ray with the same step length as 16, the value of training. */
 enum { DEFAULT_FRAMES = 4, EXACT_STEPS = 128, LEAST_FRAMES = 2, PLANNED_TURNS = 6, LEAST_CHOICES = 3 };

@@ -14,10 +14,10 @@
 #include "lab/fine_stage_cost.h"
 #include "lab/tradeoff_training.h"
 #include "output/curve.h"
-#include "output/progress.h"
 #include "output/training_report.h"
 #include "session/clip_source.h"
 #include "session/pareto.h"
+#include "session/progress.h"
 #include "timed_training.h"
 #include "verbs.h"
 

@@ -7,7 +7,7 @@
 
 #include "bounded_queue.h"
 #include "ernerf/stream.h"
-#include "session/rate.h"
+#include "rate.h"
 #include "session/session.h"
 
 enum { LIVE_PICTURES = 8 };

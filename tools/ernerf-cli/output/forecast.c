@@ -4,7 +4,7 @@
 #include <inttypes.h>
 #include <stdio.h>
 
-#include "output/progress.h"
+#include "session/progress.h"
 
 static const double settled = 3, patience = 5, long_time = 600; /* seconds */
 

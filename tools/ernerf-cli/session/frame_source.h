@@ -5,7 +5,7 @@
 
 #include "ernerf/media.h"
 #include "ernerf/render.h"
-#include "session/rate.h"
+#include "rate.h"
 #include "session/session.h"
 
 /* A frame of the output. Its time lies between two frames of the 25 fps sequence; in an output of 25 fps it is one of

@@ -6,7 +6,7 @@
 #include <string.h>
 
 #include "bytes.h"
-#include "output/progress.h"
+#include "session/progress.h"
 
 enum { LOOK_FRAMES = 2, LOOK_TURNS = 3, LOOK_RUNGS = 10 };
 

@@ -8,7 +8,7 @@
 #include "ernerf/media.h"
 #include "ernerf/model.h"
 #include "ernerf/speech.h"
-#include "output/progress.h"
+#include "session/progress.h"
 #include "session/session.h"
 
 struct speech_model {

@@ -14,8 +14,8 @@
 #include "evaluation/paper_metrics.h"
 #include "evaluation/pose_fit.h"
 #include "evaluation/setting.h"
-#include "output/progress.h"
 #include "session/portrait.h"
+#include "session/progress.h"
 #include "verbs.h"
 
 enum { OWN_OPTIONS = 7 + SETTING_OPTIONS };

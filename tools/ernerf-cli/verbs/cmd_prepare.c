@@ -4,8 +4,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "output/progress.h"
 #include "session/prepare_library.h"
+#include "session/progress.h"
 #include "verbs.h"
 
 struct prepare_job {

@@ -4,7 +4,6 @@
 #define ERN_CLI_RENDER_JOB_H
 
 #include "output/label.h"
-#include "output/progress.h"
 #include "output/provenance_output.h"
 #include "output/sink.h"
 #include "output/watermark_output.h"
@@ -12,6 +11,7 @@
 #include "session/control.h"
 #include "session/frame_reuse.h"
 #include "session/portrait.h"
+#include "session/progress.h"
 #include "session/rate_control.h"
 #include "session/silence_pose.h"
 

@@ -1,19 +1,23 @@
 /* SPDX-License-Identifier: MIT
  * The occupancy grids of head and torso during training (docs/maths.md, Occupancy). */
+#include "train/parts/trainer_refresh.h"
+
 #include <math.h>
 
+#include "core/memory.h"
 #include "core/rng.h"
 #include "core/status.h"
 #include "model/torso.h"
 #include "model/torso_ops.h"
 #include "render/occupancy_ops.h"
 #include "render/render_ops.h"
+#include "train/parts/trainer_data.h"
+#include "train/parts/trainer_processes.h"
 #include "train/step_ops.h"
-#include "train/trainer.h"
 
 static const float occupancy_decay = 0.95f; /* of a cell's density: a refresh as published, else 16 steps */
 enum {
-  CHUNK = ERN_REFRESH_CHUNK,
+  CHUNK = 1 << 18,     /* cells evaluated at once: limits the memory of their points */
   NEAR_RAYS = 1 << 17, /* rays between two updates of a block with an occupied cell, */
   MOST_EVERY = 128,    /* but at most this many steps, */
   WARM_UP_EVERY = 64,  /* and at most this many during the warm-up */
@@ -27,7 +31,7 @@ struct schedule {
 };
 
 /* The schedule at the next step. During the warm-up no space is known to be empty, and all cells are updated. */
-static struct schedule schedule_of(const ern_trainer *t) {
+static struct schedule schedule_of(const struct ern_training *t) {
   const bool first = t->step < ERN_REFRESH_WARM_UP;
   if (t->config.refresh_every > 0) return (struct schedule){t->config.refresh_every, 1};
   struct schedule made = {ERN_REFRESH_EVERY, first ? 1 : SHARES};
@@ -36,9 +40,9 @@ static struct schedule schedule_of(const ern_trainer *t) {
   return made;
 }
 
-uint64_t ern_trainer_refresh_every(const ern_trainer *t) { return schedule_of(t).every; }
+uint64_t ern_trainer_refresh_every(const struct ern_training *t) { return schedule_of(t).every; }
 
-static struct ern_occupancy_decay decay_of(const ern_trainer *t) {
+static struct ern_occupancy_decay decay_of(const struct ern_training *t) {
   const struct schedule schedule = schedule_of(t);
   struct ern_occupancy_decay made = {.near = occupancy_decay};
   if (t->config.refresh_every == 0) made.near = powf(occupancy_decay, (float)schedule.every / ERN_REFRESH_EVERY);
@@ -48,26 +52,56 @@ static struct ern_occupancy_decay decay_of(const ern_trainer *t) {
   return made;
 }
 
-ern_status ern_trainer_mark(ern_trainer *t) {
-  struct ern_occupancy_mark_args mark = {
-      .grid = t->grid, .views = t->views, .view_count = t->data.frames[0], .bound = t->config.bound};
-  return t->backend->occupancy_mark(t->stream, &mark);
-}
-
-ern_status ern_trainer_list(ern_trainer *t) {
-  struct ern_occupancy_list_args list = {.cells = t->cells, .grid = t->grid, .bits = t->bits};
-  const ern_status status = t->backend->occupancy_list(t->stream, &list);
-  t->cell_count = list.count;
+ern_status ern_trainer_occupancy_make(struct ern_trainer_occupancy *o, const struct ern_training *t,
+                                      const struct ern_trainer_speech *speech) {
+  const size_t cells = t->config.torso ? 0 : ERN_OCCUPANCY_CELLS;
+  struct ern_backend *backend = t->backend;
+  ern_status status = ERN_OK;
+  *o = (struct ern_trainer_occupancy){.training = t, .speech = speech};
+  ERN_TRY(backend->buffer_make(backend, ERN_ELEMENT_REAL, ERN_TORSO_CELLS + 2 * cells, &o->reals));
+  o->torso_grid = (ern_span){o->reals, 0, ERN_TORSO_CELLS};
+  ERN_TRY(backend->buffer_make(backend, ERN_ELEMENT_BYTE, ERN_OCCUPANCY_BYTES, &o->bits_buffer));
+  o->bits = (ern_span){o->bits_buffer, 0, ERN_OCCUPANCY_BYTES};
+  if (cells == 0) return ERN_OK;
+  o->grid = (ern_span){o->reals, ERN_TORSO_CELLS, cells};
+  o->fresh = (ern_span){o->reals, ERN_TORSO_CELLS + cells, cells};
+  ERN_TRY(backend->buffer_make(backend, ERN_ELEMENT_INT32, cells, &o->cells_buffer));
+  o->cells = (ern_span){o->cells_buffer, 0, cells};
+  if (t->communicator.size > 1) ERN_TRY(ERN_NEW(t->context, CHUNK, &o->gathered));
+fail:
   return status;
 }
 
-/* Density of cells [begin, begin + n) of the list, with the frame's speech and eye, into t->fresh. Each of several
+void ern_trainer_occupancy_free(struct ern_trainer_occupancy *o, struct ern_backend *backend) {
+  backend->buffer_free(backend, o->reals);
+  backend->buffer_free(backend, o->bits_buffer);
+  backend->buffer_free(backend, o->cells_buffer);
+  ern_release(backend->context, o->gathered);
+}
+
+ern_status ern_trainer_mark(struct ern_trainer_occupancy *o) {
+  const struct ern_training *t = o->training;
+  struct ern_occupancy_mark_args mark = {
+      .grid = o->grid, .views = t->views, .view_count = t->data.frames[0], .bound = t->config.bound};
+  return t->backend->occupancy_mark(t->stream, &mark);
+}
+
+ern_status ern_trainer_list(struct ern_trainer_occupancy *o) {
+  const struct ern_training *t = o->training;
+  struct ern_occupancy_list_args list = {.cells = o->cells, .grid = o->grid, .bits = o->bits};
+  const ern_status status = t->backend->occupancy_list(t->stream, &list);
+  o->cell_count = list.count;
+  return status;
+}
+
+/* Density of cells [begin, begin + n) of the list, with the frame's speech and eye, into o->fresh. Each of several
  * processes that train together evaluates a share. */
-static ern_status look_at(ern_trainer *t, ern_span code, float eye, size_t begin, size_t n) {
+static ern_status look_at(struct ern_trainer_occupancy *o, ern_span code, float eye, size_t begin, size_t n) {
+  const struct ern_training *t = o->training;
   const struct ern_arena_mark mark = ern_arena_mark(t->stream);
   const size_t rank = (size_t)t->communicator.rank, size = (size_t)t->communicator.size;
   const size_t first = n * rank / size, own = n * (rank + 1) / size - first;
-  const ern_span cells = ern_span_part(t->cells, begin, n);
+  const ern_span cells = ern_span_part(o->cells, begin, n);
   ern_span sigma;
   ern_rows x;
   ern_status status = ERN_OK;
@@ -89,55 +123,47 @@ static ern_status look_at(ern_trainer *t, ern_span code, float eye, size_t begin
                                           .bf16 = t->bf16,
                                           .n = own};
   ERN_TRY(t->backend->head_density(t->stream, &density));
-  ERN_TRY(ern_trainer_gather(t, sigma, n));
-  struct ern_occupancy_scatter_args scatter = {.fresh = t->fresh, .cells = cells, .sigma = sigma, .n = n};
+  ERN_TRY(ern_trainer_gather(t, sigma, n, o->gathered));
+  struct ern_occupancy_scatter_args scatter = {.fresh = o->fresh, .cells = cells, .sigma = sigma, .n = n};
   ERN_TRY(t->backend->occupancy_scatter(t->stream, &scatter));
 fail:
   ern_arena_release(t->stream, mark);
   return status;
 }
 
-/* Lists the cells that are due, and clears t->fresh: values of other cells are from an earlier refresh and no longer
+/* Lists the cells that are due, and clears o->fresh: values of other cells are from an earlier refresh and no longer
  * valid. */
-static ern_status list_due(ern_trainer *t, struct ern_occupancy_turn turn) {
-  struct ern_occupancy_list_args list = {.cells = t->cells, .grid = t->grid, .bits = t->bits, .turn = turn};
+static ern_status list_due(struct ern_trainer_occupancy *o, struct ern_occupancy_turn turn) {
+  const struct ern_training *t = o->training;
+  struct ern_occupancy_list_args list = {.cells = o->cells, .grid = o->grid, .bits = o->bits, .turn = turn};
   if (turn.mask == 0) return ERN_OK; /* all cells: the list has them already */
   const ern_status status = t->backend->occupancy_list(t->stream, &list);
-  t->cell_count = list.count;
-  return status == ERN_OK ? t->backend->zero(t->stream, t->fresh) : status;
+  o->cell_count = list.count;
+  return status == ERN_OK ? t->backend->zero(t->stream, o->fresh) : status;
 }
 
-ern_status ern_trainer_audio_code(ern_trainer *t, size_t frame, ern_span *code) {
-  struct ern_audio_fwd_args audio = {.parameters = t->parameters, .net = t->model->field.audio};
-  ern_status status = ERN_OK;
-  ERN_TRY(ern_trainer_upload_windows(t, frame, 0, &audio.windows));
-  ERN_TRY(ern_scratch_take(t->stream, ERN_ELEMENT_REAL, ERN_AUDIO_CODE, &audio.code));
-  ERN_TRY(t->backend->audio_fwd(t->stream, &audio));
-  *code = audio.code;
-fail:
-  return status;
-}
-
-static ern_status refresh_head(ern_trainer *t, size_t frame) {
+static ern_status refresh_head(struct ern_trainer_occupancy *o, size_t frame) {
+  const struct ern_training *t = o->training;
   const struct ern_arena_mark mark = ern_arena_mark(t->stream);
   const struct ern_occupancy_decay decay = decay_of(t);
   ern_dataset_frame about;
   ern_span code;
   ern_status status = ERN_OK;
   ERN_TRY(ern_trainer_frame(t, 0, frame, &about));
-  ERN_TRY(ern_trainer_audio_code(t, frame, &code));
-  ERN_TRY(list_due(t, decay.turn));
-  for (size_t begin = 0; begin < t->cell_count; begin += CHUNK)
-    ERN_TRY(look_at(t, code, about.eye, begin, t->cell_count - begin < CHUNK ? t->cell_count - begin : CHUNK));
+  ERN_TRY(ern_trainer_audio_code(o->speech, frame, &code));
+  ERN_TRY(list_due(o, decay.turn));
+  for (size_t begin = 0; begin < o->cell_count; begin += CHUNK)
+    ERN_TRY(look_at(o, code, about.eye, begin, o->cell_count - begin < CHUNK ? o->cell_count - begin : CHUNK));
   struct ern_occupancy_update_args update = {
-      .grid = t->grid, .bits = t->bits, .fresh = t->fresh, .decay = decay, .limit = 10};
+      .grid = o->grid, .bits = o->bits, .fresh = o->fresh, .decay = decay, .limit = 10};
   ERN_TRY(t->backend->occupancy_update(t->stream, &update));
 fail:
   ern_arena_release(t->stream, mark);
   return status;
 }
 
-static ern_status refresh_torso(ern_trainer *t, size_t frame) {
+static ern_status refresh_torso(struct ern_trainer_occupancy *o, size_t frame) {
+  const struct ern_training *t = o->training;
   const struct ern_arena_mark mark = ern_arena_mark(t->stream);
   const struct ern_torso_inputs in = {&t->model->field, t->parameters, t->views[frame].pose,
                                       ern_trainer_code(t, frame)};
@@ -149,22 +175,17 @@ static ern_status refresh_torso(ern_trainer *t, size_t frame) {
   ERN_TRY(t->backend->torso_points(t->stream, &points));
   ERN_TRY(ern_torso_fwd(t->stream, &in, &batch));
   struct ern_torso_update_args update = {
-      .grid = t->torso_grid, .alpha = ern_span_of_row(batch.layer, 0, ERN_TORSO_CELLS), .decay = decay_of(t).near};
+      .grid = o->torso_grid, .alpha = ern_span_of_row(batch.layer, 0, ERN_TORSO_CELLS), .decay = decay_of(t).near};
   ERN_TRY(t->backend->torso_update(t->stream, &update));
-  t->torso_mean = update.mean;
+  o->torso_mean = update.mean;
 fail:
   ern_arena_release(t->stream, mark);
   return status;
 }
 
-ern_status ern_trainer_refresh(ern_trainer *t) {
+ern_status ern_trainer_refresh(struct ern_trainer_occupancy *o) {
+  const struct ern_training *t = o->training;
   const size_t frame =
       ern_trainer_random_frame(t, ern_random_at(t->config.seed, t->step, 0, ERN_RNG_REFRESH_FRAME).word[0]);
-  return t->config.torso ? refresh_torso(t, frame) : refresh_head(t, frame);
-}
-
-ern_status ern_trainer_occupancy(ern_trainer *t) {
-  if (t->pruned) return ERN_OK;
-  if (ern_trainer_prune_due(t)) return ern_trainer_prune(t);
-  return t->step % schedule_of(t).every == 0 ? ern_trainer_refresh(t) : ERN_OK;
+  return t->config.torso ? refresh_torso(o, frame) : refresh_head(o, frame);
 }

@@ -3,33 +3,12 @@
  *
  * The rays are sorted by tiles of the picture: rays of a tile pass through the same cells, so the table entries that
  * they read and update stay in the cache. The choice of rays does not depend on it. */
-#include <stdio.h>
-#include <string.h>
+#include "train/parts/trainer_batch.h"
 
 #include "core/memory.h"
 #include "core/rng.h"
 #include "core/status.h"
-#include "render/frame_input.h"
-#include "train/trainer.h"
-
-ern_status ern_trainer_view(const ern_trainer *t, int split, size_t frame, struct ern_view *view) {
-  ern_dataset_frame about;
-  const ern_status status = ern_trainer_frame(t, split, frame, &about);
-  *view = (struct ern_view){.focal = (float)t->data.focal,
-                            .cx = (float)t->data.cx,
-                            .cy = (float)t->data.cy,
-                            .width = t->data.width,
-                            .height = t->data.height};
-  if (status != ERN_OK) return status;
-  char name[64];
-  snprintf(name, sizeof name, "train: pose of %s frame %zu", split == 0 ? "training" : "validation", frame);
-  ern_camera_pose(view->pose, about.matrix, t->data.scale);
-  return ern_pose_check(t->context, name, view->pose);
-}
-
-size_t ern_trainer_random_frame(const ern_trainer *t, uint32_t word) {
-  return t->config.data_begin + ern_below(word, (uint32_t)(t->config.data_end - t->config.data_begin));
-}
+#include "train/parts/trainer_data.h"
 
 /* ---- rays -------------------------------------------------------------------------------------------------------- */
 
@@ -52,7 +31,8 @@ struct part {
 
 /* A batch while it is drawn. */
 struct draw {
-  ern_trainer *t;
+  const struct ern_training *t;
+  const struct ern_trainer_batches *b;
   uint64_t step;
   size_t first, rays;           /* range within the step */
   size_t stride;                /* of a row of host_rows */
@@ -80,7 +60,7 @@ static uint32_t tile_of(const struct draw *draw, int32_t pixel) {
   return row / draw->side * draw->across + ((uint32_t)pixel - row * width) / draw->side;
 }
 
-static struct region region_of(const ern_trainer *t, const ern_box *box) {
+static struct region region_of(const struct ern_training *t, const ern_box *box) {
   const int left = box->left > 0 ? box->left : 0, right = box->right < t->data.width ? box->right : t->data.width;
   const int top = box->top > 0 ? box->top : 0, bottom = box->bottom < t->data.height ? box->bottom : t->data.height;
   if (left >= right || top >= bottom) return (struct region){0};
@@ -88,7 +68,7 @@ static struct region region_of(const ern_trainer *t, const ern_box *box) {
 }
 
 static void find_regions(struct draw *draw) {
-  const ern_trainer *t = draw->t;
+  const struct ern_training *t = draw->t;
   if (t->config.torso || t->config.ray_sampling == ERN_RAY_SAMPLING_UNIFORM) return;
   draw->lower_face = region_of(t, &draw->about->lower_face);
   if (t->config.ray_sampling == ERN_RAY_SAMPLING_DUB)
@@ -103,7 +83,7 @@ static bool is_silhouette(uint8_t of_head) { return !is_known(of_head); }
 static bool is_head(uint8_t of_head) { return of_head != 0; }
 
 static ern_status find_parts(struct draw *draw) {
-  const ern_trainer *t = draw->t;
+  const struct ern_training *t = draw->t;
   const size_t width = (size_t)t->data.width, height = (size_t)t->data.height;
   ern_status status = ERN_OK;
   if (draw->head == NULL || t->config.ray_sampling != ERN_RAY_SAMPLING_REGIONS) return ERN_OK;
@@ -168,7 +148,7 @@ static int32_t draw_pixel(const struct draw *draw, const struct ern_random *rand
 static void draw_task(void *user, size_t shard, int worker) {
   (void)worker;
   const struct draw *draw = user;
-  const ern_trainer *t = draw->t;
+  const struct ern_training *t = draw->t;
   const struct range p = range_of(draw, shard);
   for (uint32_t tile = 0; tile < draw->tiles; tile++) draw->place[tile * ERN_SHARDS + shard] = 0;
   for (size_t i = p.begin; i < p.end; i++) {
@@ -196,7 +176,7 @@ static float over_torso(const struct draw *draw, size_t pixel, size_t c, float b
  * the true opacity does. The torso image tells whether the opacity is 0 or 1 for a torso, draw->head for a head. */
 static void fill_ray(const struct draw *draw, size_t i, size_t pixel) {
   const float *part = draw->part;
-  const ern_trainer *t = draw->t;
+  const struct ern_training *t = draw->t;
   const ern_dataset_frame *about = draw->about;
   const size_t stride = draw->stride, width = (size_t)t->data.width;
   const int row = (int)(pixel / width), column = (int)(pixel % width);
@@ -207,7 +187,7 @@ static void fill_ray(const struct draw *draw, size_t i, size_t pixel) {
   if (any) colour = ern_random_at(t->config.seed, draw->step, (uint32_t)(draw->first + i), ERN_RNG_BACKGROUND);
   for (size_t c = 0; c < 3; c++) {
     const float random = ern_uniform(colour.word[c]), clip = part[t->data.background[3 * pixel + c]];
-    float *truth = &t->host_rows[c * stride + i], *behind = &t->host_rows[(3 + c) * stride + i];
+    float *truth = &draw->b->host_rows[c * stride + i], *behind = &draw->b->host_rows[(3 + c) * stride + i];
     if (t->config.torso) {
       *behind = any ? random : clip;
       *truth = over_torso(draw, pixel, c, *behind);
@@ -216,29 +196,28 @@ static void fill_ray(const struct draw *draw, size_t i, size_t pixel) {
       *truth = any && of_head == 0 ? *behind : part[draw->truth[3 * pixel + c]];
     }
   }
-  t->host_rows[6 * stride + i] = about->has_face && row >= about->face.top && row < about->face.bottom &&
-                                         column >= about->face.left && column < about->face.right
-                                     ? 1
-                                     : 0;
-  t->host_rows[8 * stride + i] = lies_in(about->lower_face, row, column) ? 0 : 1;
+  draw->b->host_rows[6 * stride + i] = about->has_face && row >= about->face.top && row < about->face.bottom &&
+                                               column >= about->face.left && column < about->face.right
+                                           ? 1
+                                           : 0;
+  draw->b->host_rows[8 * stride + i] = lies_in(about->lower_face, row, column) ? 0 : 1;
 }
 
 static void fill_task(void *user, size_t shard, int worker) {
   (void)worker;
   const struct draw *draw = user;
-  const ern_trainer *t = draw->t;
   const struct range p = range_of(draw, shard);
   for (size_t i = p.begin; i < p.end; i++) {
     const size_t to = (size_t)draw->place[tile_of(draw, draw->pixel[i]) * ERN_SHARDS + shard]++;
-    t->host_pixels[to] = draw->pixel[i];
-    t->host_rows[7 * draw->stride + to] = draw->jitter[i];
+    draw->b->host_pixels[to] = draw->pixel[i];
+    draw->b->host_rows[7 * draw->stride + to] = draw->jitter[i];
     fill_ray(draw, to, (size_t)draw->pixel[i]);
   }
 }
 
 /* Within a tile the rays keep the order in which they were drawn. */
 static ern_status draw_rays(struct draw *draw) {
-  ern_trainer *t = draw->t;
+  const struct ern_training *t = draw->t;
   const uint32_t width = (uint32_t)t->data.width, height = (uint32_t)t->data.height;
   const size_t rays = draw->rays;
   ern_status status = ERN_OK;
@@ -266,87 +245,135 @@ fail:
 static void fill_patches_task(void *user, size_t shard, int worker) {
   (void)worker;
   const struct draw *draw = user;
-  const ern_trainer *t = draw->t;
+  const struct ern_training *t = draw->t;
   const struct range p = range_of(draw, shard);
   for (size_t i = p.begin; i < p.end; i++) {
     const struct ern_random random =
         ern_random_at(t->config.seed, draw->step, (uint32_t)(draw->first + i), ERN_RNG_PIXEL);
-    t->host_rows[7 * draw->stride + i] = ern_uniform(random.word[1]);
-    fill_ray(draw, i, (size_t)t->host_pixels[i]);
+    draw->b->host_rows[7 * draw->stride + i] = ern_uniform(random.word[1]);
+    fill_ray(draw, i, (size_t)draw->b->host_pixels[i]);
   }
 }
 
 /* In the fine stage: draws `count` patches of the step from number `first` on. */
 static void draw_patches(struct draw *draw, size_t first, size_t count) {
-  ern_trainer_place_patches(draw->t, draw->about, first, count, draw->t->host_pixels);
+  ern_trainer_place_patches(draw->b->fine, draw->about, first, count, draw->b->host_pixels);
   ern_pool_run(draw->t->pool, ERN_SHARDS, fill_patches_task, draw);
 }
 
-static int uploaded_rows(const ern_trainer *t) { return t->poses != NULL ? HOST_ROWS : HOST_ROWS - 1; }
+static int uploaded_rows(const struct ern_trainer_batches *b) { return b->poses != NULL ? HOST_ROWS : HOST_ROWS - 1; }
 
 /* All rows in one transfer: an H100 waits about 20 us for each. */
-static ern_status upload(ern_trainer *t, struct ern_batch *batch, ern_span pixel_number, ern_rows rows) {
+static ern_status upload(const struct ern_trainer_batches *b, struct ern_batch *batch, ern_span pixel_number,
+                         ern_rows rows) {
+  const struct ern_training *t = b->training;
   const size_t rays = batch->rays;
   ern_status status = ERN_OK;
-  ERN_TRY(t->backend->upload_int32(t->stream, pixel_number, t->host_pixels, rays));
-  ERN_TRY(t->backend->upload_reals(t->stream, rows.span, t->host_rows, rows.span.count));
+  ERN_TRY(t->backend->upload_int32(t->stream, pixel_number, b->host_pixels, rays));
+  ERN_TRY(t->backend->upload_reals(t->stream, rows.span, b->host_rows, rows.span.count));
   batch->pixel_number = pixel_number;
   batch->truth = ern_rows_part(rows, 0, 3);
   batch->background = ern_rows_part(rows, 3, 3);
   batch->face = ern_span_of_row(rows, 6, rays);
   batch->jitter = ern_span_of_row(rows, 7, rays);
-  if (t->poses != NULL) batch->rigid = ern_span_of_row(rows, 8, rays);
+  if (b->poses != NULL) batch->rigid = ern_span_of_row(rows, 8, rays);
 fail:
   return status;
 }
 
-static ern_status upload_now(ern_trainer *t, struct ern_batch *batch) {
+static ern_status upload_now(const struct ern_trainer_batches *b, struct ern_batch *batch) {
+  const struct ern_training *t = b->training;
   ern_span pixel_number;
   ern_rows rows;
   ern_status status = ERN_OK;
   ERN_TRY(ern_scratch_take(t->stream, ERN_ELEMENT_INT32, batch->rays, &pixel_number));
-  ERN_TRY(ern_scratch_take_rows(t->stream, uploaded_rows(t), batch->rays, &rows));
-  status = upload(t, batch, pixel_number, rows);
+  ERN_TRY(ern_scratch_take_rows(t->stream, uploaded_rows(b), batch->rays, &rows));
+  status = upload(b, batch, pixel_number, rows);
 fail:
   return status;
 }
 
 /* To memory that the step under way does not use: a device may have to repeat that step. */
-static ern_status upload_ahead(ern_trainer *t, struct ern_batch *batch) {
-  const size_t stride = ern_scratch_stride(batch->rays), values = (size_t)uploaded_rows(t) * stride;
+static ern_status upload_ahead(struct ern_trainer_batches *b, struct ern_batch *batch) {
+  const struct ern_training *t = b->training;
+  const size_t stride = ern_scratch_stride(batch->rays), values = (size_t)uploaded_rows(b) * stride;
   struct ern_backend *backend = t->backend;
   ern_status status = ERN_OK;
-  t->drawn.place = 1 - t->drawn.place;
-  struct ern_buffer **pixels = &t->drawn.pixels[t->drawn.place], **reals = &t->drawn.reals[t->drawn.place];
+  b->drawn.place = 1 - b->drawn.place;
+  struct ern_buffer **pixels = &b->drawn.pixels[b->drawn.place], **reals = &b->drawn.reals[b->drawn.place];
   if (*pixels == NULL) ERN_TRY(backend->buffer_make(backend, ERN_ELEMENT_INT32, batch->rays, pixels));
   if (*reals == NULL) ERN_TRY(backend->buffer_make(backend, ERN_ELEMENT_REAL, values, reals));
-  const ern_rows rows = {{*reals, 0, values}, stride, uploaded_rows(t), ERN_PER_SAMPLE};
-  status = upload(t, batch, (ern_span){*pixels, 0, batch->rays}, rows);
+  const ern_rows rows = {{*reals, 0, values}, stride, uploaded_rows(b), ERN_PER_SAMPLE};
+  status = upload(b, batch, (ern_span){*pixels, 0, batch->rays}, rows);
 fail:
   return status;
 }
 
 /* ---- a batch ----------------------------------------------------------------------------------------------------- */
 
-static size_t frame_of_step(const ern_trainer *t, uint64_t step, size_t k) {
+/* Only a few in a hundred frames have shut eyes: too few of them would be drawn in a short training. */
+static ern_status find_blinks(struct ern_trainer_batches *b) {
+  const struct ern_training *t = b->training;
+  const size_t frames = t->config.data_end - t->config.data_begin;
+  ern_status status = ERN_OK;
+  if (t->config.torso || t->config.ray_sampling != ERN_RAY_SAMPLING_REGIONS || !t->data.has_eye) return ERN_OK;
+  ERN_TRY(ERN_NEW(t->context, frames, &b->blinks));
+  for (size_t i = t->config.data_begin; i < t->config.data_end; i++) {
+    ern_dataset_frame about;
+    ERN_TRY(ern_trainer_frame(t, 0, i, &about));
+    if (about.eye >= 0.5f) b->blinks[b->blink_count++] = i;
+  }
+fail:
+  return status;
+}
+
+ern_status ern_trainer_batches_make(struct ern_trainer_batches *b, const struct ern_trainer_fine *fine,
+                                    const struct ern_trainer_speech *speech, const struct ern_trainer_poses *poses) {
+  const size_t rays = ern_trainer_most_rays(fine);
+  ern_context *context = fine->training->context;
+  ern_status status = ERN_OK;
+  *b = (struct ern_trainer_batches){.training = fine->training, .fine = fine, .speech = speech, .poses = poses};
+  ERN_TRY(find_blinks(b));
+  ERN_TRY(ERN_NEW(context, rays, &b->host_pixels));
+  ERN_TRY(ERN_NEW(context, HOST_ROWS * ern_scratch_stride(rays), &b->host_rows));
+fail:
+  return status;
+}
+
+void ern_trainer_batches_free(struct ern_trainer_batches *b, struct ern_backend *backend) {
+  for (int i = 0; i < 2; i++) {
+    backend->buffer_free(backend, b->drawn.pixels[i]);
+    backend->buffer_free(backend, b->drawn.reals[i]);
+  }
+  ern_release(backend->context, b->blinks);
+  ern_release(backend->context, b->host_pixels);
+  ern_release(backend->context, b->host_rows);
+}
+
+static size_t frame_of_step(const struct ern_trainer_batches *b, uint64_t step, size_t k) {
+  const struct ern_training *t = b->training;
   const struct ern_random random = ern_random_at(t->config.seed, step, (uint32_t)k, ERN_RNG_FRAME);
-  if (t->blink_count > 0 && ern_uniform(random.word[2]) < ERN_BLINK_SHARE)
-    return t->blinks[ern_below(random.word[0], (uint32_t)t->blink_count)];
+  if (b->blink_count > 0 && ern_uniform(random.word[2]) < ERN_BLINK_SHARE)
+    return b->blinks[ern_below(random.word[0], (uint32_t)b->blink_count)];
   return ern_trainer_random_frame(t, random.word[0]);
 }
 
-size_t ern_trainer_step_frame(const ern_trainer *t, size_t k) { return frame_of_step(t, t->step, k); }
+size_t ern_trainer_step_frame(const struct ern_trainer_batches *b, size_t k) {
+  return frame_of_step(b, b->training->step, k);
+}
 
 /* Fills host_pixels and host_rows with batch k of a step; patches only of the next one. */
-static ern_status draw_batch(ern_trainer *t, uint64_t step, size_t k, struct ern_batch *batch) {
-  const size_t batches = ern_trainer_step_batches(t), patches = ern_trainer_step_patches(t);
-  const size_t frame = k * ern_trainer_step_frames(t) / batches;
+static ern_status draw_batch(const struct ern_trainer_batches *b, uint64_t step, size_t k, struct ern_batch *batch) {
+  const struct ern_training *t = b->training;
+  const size_t batches = ern_trainer_step_batches(b->fine), patches = ern_trainer_step_patches(b->fine);
+  const size_t frame = k * ern_trainer_step_frames(b->fine) / batches;
   const struct ern_random of_frame = ern_random_at(t->config.seed, step, (uint32_t)frame, ERN_RNG_FRAME);
   const size_t each = patches > 0 ? (size_t)t->config.patch_size * (size_t)t->config.patch_size : 1;
   const size_t units = patches > 0 ? patches : (size_t)t->config.rays; /* divided among the batches */
   const size_t first = units * k / batches, count = units * (k + 1) / batches - first;
   ern_dataset_frame about;
   struct draw draw = {.t = t,
+                      .b = b,
                       .step = step,
                       .about = &about,
                       .first = first * each,
@@ -356,7 +383,7 @@ static ern_status draw_batch(ern_trainer *t, uint64_t step, size_t k, struct ern
                       .whole_head = {.has = is_head}};
   ern_status status = ERN_OK;
   *batch = (struct ern_batch){
-      .frame = frame_of_step(t, step, frame), .rays = draw.rays, .patches = patches > 0 ? count : 0, .of_step = frame};
+      .frame = frame_of_step(b, step, frame), .rays = draw.rays, .patches = patches > 0 ? count : 0, .of_step = frame};
   ERN_TRY(ern_trainer_frame(t, 0, batch->frame, &about));
   ERN_TRY(ern_trainer_pixels(t, 0, batch->frame, &draw.truth, &draw.torso));
   if (batch->patches == 0) ERN_TRY(ern_trainer_head(t, batch->frame, &draw.head));
@@ -375,31 +402,33 @@ fail:
 }
 
 /* A step has one batch of single rays. */
-static bool is_simple(const ern_trainer *t) {
-  return ern_trainer_step_batches(t) == 1 && ern_trainer_step_patches(t) == 0;
+static bool is_simple(const struct ern_trainer_batches *b) {
+  return ern_trainer_step_batches(b->fine) == 1 && ern_trainer_step_patches(b->fine) == 0;
 }
 
-void ern_trainer_draw_ahead(void *trainer) {
-  ern_trainer *t = trainer;
+void ern_trainer_draw_ahead(void *batches) {
+  struct ern_trainer_batches *b = batches;
+  const struct ern_training *t = b->training;
   char before[ERN_ERROR_BYTES];
-  if (!is_simple(t) || t->drawn.step == t->step + 1 || t->step + 1 >= t->config.iters) return;
+  if (!is_simple(b) || b->drawn.step == t->step + 1 || t->step + 1 >= t->config.iters) return;
   ern_error_keep(t->context, before);
-  t->drawn.step = draw_batch(t, t->step + 1, 0, &t->drawn.batch) == ERN_OK ? t->step + 1 : 0;
-  t->drawn.uploaded = t->drawn.step > 0 && upload_ahead(t, &t->drawn.batch) == ERN_OK;
+  b->drawn.step = draw_batch(b, t->step + 1, 0, &b->drawn.batch) == ERN_OK ? t->step + 1 : 0;
+  b->drawn.uploaded = b->drawn.step > 0 && upload_ahead(b, &b->drawn.batch) == ERN_OK;
   ern_error_restore(t->context, before); /* that step will fail again, and report it */
 }
 
-ern_status ern_trainer_batch(ern_trainer *t, size_t k, struct ern_batch *batch) {
-  const bool drawn = is_simple(t) && t->step > 0 && t->drawn.step == t->step;
+ern_status ern_trainer_batch(struct ern_trainer_batches *b, size_t k, struct ern_batch *batch) {
+  const struct ern_training *t = b->training;
+  const bool drawn = is_simple(b) && t->step > 0 && b->drawn.step == t->step;
   ern_status status = ERN_OK;
   if (drawn)
-    *batch = t->drawn.batch;
+    *batch = b->drawn.batch;
   else
-    ERN_TRY(draw_batch(t, t->step, k, batch));
-  t->drawn.step = 0;
-  if (!drawn || !t->drawn.uploaded) ERN_TRY(upload_now(t, batch));
-  if (!ern_trainer_poses_due(t)) batch->rigid = (ern_span){0};
-  if (!t->config.torso) ERN_TRY(ern_trainer_upload_windows(t, batch->frame, batch->of_step, &batch->windows));
+    ERN_TRY(draw_batch(b, t->step, k, batch));
+  b->drawn.step = 0;
+  if (!drawn || !b->drawn.uploaded) ERN_TRY(upload_now(b, batch));
+  if (!ern_trainer_poses_due(b->poses)) batch->rigid = (ern_span){0};
+  if (!t->config.torso) ERN_TRY(ern_trainer_upload_windows(b->speech, batch->frame, batch->of_step, &batch->windows));
 fail:
   return status;
 }

@@ -1,5 +1,8 @@
 /* SPDX-License-Identifier: MIT
- * The fine stage of a head's training: when it begins, and where its patches lie. */
+ * The fine stage of a head's training: when it begins, and where its patches lie; what a step of either stage consists
+ * of. */
+#include "train/parts/trainer_fine.h"
+
 #include <inttypes.h>
 #include <string.h>
 
@@ -8,18 +11,19 @@
 #include "core/status.h"
 #include "train/patch_filter.h"
 #include "train/step.h"
-#include "train/trainer.h"
 
-static size_t patch_rays(const ern_trainer *t) { return (size_t)t->config.patch_size * (size_t)t->config.patch_size; }
+static size_t patch_rays(const struct ern_training *t) {
+  return (size_t)t->config.patch_size * (size_t)t->config.patch_size;
+}
 
 /* Patches of a step of the fine stage: at least one, so it may have more rays than a coarse step. */
-static size_t patches_of_step(const ern_trainer *t) {
+static size_t patches_of_step(const struct ern_training *t) {
   const size_t patches = (size_t)t->config.rays / patch_rays(t);
   return patches > 0 ? patches : 1;
 }
 
 /* Checks the requirements of a fine stage. */
-static ern_status check(const ern_trainer *t) {
+static ern_status check(const struct ern_training *t) {
   const ern_train_config *c = &t->config;
   const int side = c->patch_size, width = t->data.width, height = t->data.height;
   if (c->torso) return ern_fail(t->context, ERN_E_ARGUMENT, "train: the fine stage is of a head, and this is a torso");
@@ -41,38 +45,37 @@ static ern_status check(const ern_trainer *t) {
   return ERN_OK;
 }
 
-static ern_status make_filter(ern_trainer *t) {
+static ern_status make_filter(struct ern_trainer_fine *f) {
+  const struct ern_training *t = f->training;
   const size_t count = ern_patch_filter_count((size_t)t->config.patch_size);
   float *filter = NULL;
   ern_status status = ERN_NEW(t->context, count, &filter);
   if (status != ERN_OK) return status;
   ern_patch_filter(filter, t->config.patch_size);
-  ERN_TRY(t->backend->buffer_make(t->backend, ERN_ELEMENT_REAL, count, &t->patch_filter));
-  ERN_TRY(t->backend->upload_reals(t->stream, (ern_span){t->patch_filter, 0, count}, filter, count));
+  ERN_TRY(t->backend->buffer_make(t->backend, ERN_ELEMENT_REAL, count, &f->filter));
+  ERN_TRY(t->backend->upload_reals(t->stream, (ern_span){f->filter, 0, count}, filter, count));
   ERN_TRY(t->backend->synchronize(t->stream));
 fail:
   ern_release(t->context, filter);
   return status;
 }
 
-ern_status ern_trainer_fine_take(ern_trainer *t) {
+ern_status ern_trainer_fine_take(struct ern_trainer_fine *f, struct ern_training *t) {
   const ern_fine_loss *given = t->config.fine_loss;
+  *f = (struct ern_trainer_fine){.training = t, .from = UINT64_MAX};
   if (given == NULL) return ERN_OK;
-  if (given->compute == NULL || given->name == NULL || given->name[0] == 0 ||
-      strlen(given->name) >= sizeof t->fine_name)
+  if (given->compute == NULL || given->name == NULL || given->name[0] == 0 || strlen(given->name) >= sizeof f->name)
     return ern_fail(t->context, ERN_E_ARGUMENT, "train: fine_loss has no function, or no name of 1 to %zu bytes",
-                    sizeof t->fine_name - 1);
-  memcpy(t->fine_name, given->name, strlen(given->name) + 1);
-  t->fine_loss = *given;
-  t->fine_loss.name = t->fine_name;
-  t->config.fine_loss = &t->fine_loss;
+                    sizeof f->name - 1);
+  memcpy(f->name, given->name, strlen(given->name) + 1);
+  f->loss = *given;
+  f->loss.name = f->name;
+  t->config.fine_loss = &f->loss;
   return ERN_OK;
 }
 
-const char *ern_trainer_fine_name(const ern_trainer *t) { return t->config.fine_loss != NULL ? t->fine_name : "ssim"; }
-
 /* Calls the loss on a patch of zeros, so that its errors are reported before the training, not at its fine stage. */
-static ern_status try_loss(const ern_trainer *t) {
+static ern_status try_loss(const struct ern_training *t) {
   const ern_fine_loss *loss = t->config.fine_loss;
   float *zeros = NULL;
   double value = 0;
@@ -85,48 +88,64 @@ static ern_status try_loss(const ern_trainer *t) {
   return status;
 }
 
-ern_status ern_trainer_fine_begin(ern_trainer *t, uint64_t found) {
+ern_status ern_trainer_fine_begin(struct ern_trainer_fine *f) {
+  const struct ern_training *t = f->training;
   const uint64_t steps = t->config.fine_steps, iters = t->config.iters;
   const bool timed = t->config.seconds > 0 && t->config.fine_share > 0 && !t->config.torso;
-  t->fine_from = UINT64_MAX;
+  const uint64_t found = f->from; /* in a resumed state */
+  f->from = UINT64_MAX;
   if (found < t->step)
-    t->fine_from = found;
+    f->from = found;
   else if (steps == ERN_FINE_ALL)
-    t->fine_from = t->step;
+    f->from = t->step;
   else if (steps > 0)
-    t->fine_from = iters > steps ? iters - steps : 0;
-  if (t->fine_from == UINT64_MAX && !timed) return ERN_OK;
+    f->from = iters > steps ? iters - steps : 0;
+  if (f->from == UINT64_MAX && !timed) return ERN_OK;
   ern_status status = check(t);
   if (status == ERN_OK) status = try_loss(t);
-  return status == ERN_OK ? make_filter(t) : status;
+  return status == ERN_OK ? make_filter(f) : status;
 }
 
-uint64_t ern_trainer_coarse_steps(const ern_trainer *t) {
-  const uint64_t iters = t->config.iters;
-  if (t->fine_from != UINT64_MAX) return t->fine_from < iters ? t->fine_from : iters;
-  return t->patch_filter != NULL ? (uint64_t)((1 - t->config.fine_share) * (double)iters) : iters;
+uint64_t ern_trainer_coarse_steps(const struct ern_trainer_fine *f) {
+  const uint64_t iters = f->training->config.iters;
+  if (f->from != UINT64_MAX) return f->from < iters ? f->from : iters;
+  return f->filter != NULL ? (uint64_t)((1 - f->training->config.fine_share) * (double)iters) : iters;
 }
 
-void ern_trainer_fine_due(ern_trainer *t) {
-  if (t->patch_filter != NULL && t->fine_from == UINT64_MAX && t->step > 0 && t->step >= ern_trainer_coarse_steps(t))
-    t->fine_from = t->step;
+void ern_trainer_fine_due(struct ern_trainer_fine *f) {
+  const uint64_t step = f->training->step;
+  if (f->filter != NULL && f->from == UINT64_MAX && step > 0 && step >= ern_trainer_coarse_steps(f)) f->from = step;
 }
 
-size_t ern_trainer_step_patches(const ern_trainer *t) { return ern_trainer_is_fine(t) ? patches_of_step(t) : 0; }
+size_t ern_trainer_step_patches(const struct ern_trainer_fine *f) {
+  return ern_trainer_is_fine(f) ? patches_of_step(f->training) : 0;
+}
 
-size_t ern_trainer_step_rays(const ern_trainer *t) {
-  const size_t patches = ern_trainer_step_patches(t);
+size_t ern_trainer_step_rays(const struct ern_trainer_fine *f) {
+  const struct ern_training *t = f->training;
+  const size_t patches = ern_trainer_step_patches(f);
   return patches > 0 ? patches * patch_rays(t) : (size_t)t->config.rays;
 }
 
-size_t ern_trainer_most_rays(const ern_trainer *t) {
-  const size_t rays = (size_t)t->config.rays, fine = t->patch_filter != NULL ? patches_of_step(t) * patch_rays(t) : 0;
+size_t ern_trainer_most_rays(const struct ern_trainer_fine *f) {
+  const struct ern_training *t = f->training;
+  const size_t rays = (size_t)t->config.rays, fine = f->filter != NULL ? patches_of_step(t) * patch_rays(t) : 0;
   return rays > fine ? rays : fine;
 }
 
-size_t ern_trainer_step_frames(const ern_trainer *t) {
-  const size_t patches = ern_trainer_step_patches(t), frames = (size_t)t->config.frames_per_step;
+size_t ern_trainer_step_frames(const struct ern_trainer_fine *f) {
+  const struct ern_training *t = f->training;
+  const size_t patches = ern_trainer_step_patches(f), frames = (size_t)t->config.frames_per_step;
   return patches > 0 && patches < frames ? patches : frames;
+}
+
+size_t ern_trainer_step_batches(const struct ern_trainer_fine *f) {
+  const size_t frames = ern_trainer_step_frames(f), parts = (size_t)f->training->config.step_parts;
+  return frames > parts ? frames : parts;
+}
+
+size_t ern_trainer_first_batch(const struct ern_trainer_fine *f) {
+  return ern_trainer_own_batches(f) * (size_t)f->training->communicator.rank;
 }
 
 /* The first row or column of a patch around `middle`, inside `size` pixels. */
@@ -137,8 +156,9 @@ static int begin_around(int middle, int side, int size) {
 
 /* Patches lie around pixels of the lips in odd steps, and in even ones, of a training for ern_dub_frame, of what that
  * draws; around any pixel without such a box. */
-void ern_trainer_place_patches(const ern_trainer *t, const ern_dataset_frame *about, size_t first, size_t count,
-                               int32_t *pixel) {
+void ern_trainer_place_patches(const struct ern_trainer_fine *f, const ern_dataset_frame *about, size_t first,
+                               size_t count, int32_t *pixel) {
+  const struct ern_training *t = f->training;
   const bool dub = t->config.ray_sampling == ERN_RAY_SAMPLING_DUB;
   const ern_box *box = t->step % 2 == 1 ? &about->lips : &about->dubbed;
   const int side = t->config.patch_size, width = t->data.width, height = t->data.height;

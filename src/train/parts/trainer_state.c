@@ -1,5 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * Writes and reads the state for a resume: weights, second moments, average, density grid, step. */
+#include "train/parts/trainer_state.h"
+
 #include <errno.h>
 #include <fcntl.h>
 #include <math.h>
@@ -15,18 +17,19 @@
 #include "io/file.h"
 #include "model/checkpoint.h"
 #include "model/kinds.h"
+#include "train/parts/trainer_model.h"
 #include "train/state_about.h"
 
-bool ern_trainer_is_averaged(const ern_trainer *t) { return t->config.ema && t->ema_updates >= ERN_LEAST_EMA_UPDATES; }
-
-ern_status ern_trainer_download(ern_trainer *t, ern_span from) {
+ern_status ern_trainer_download(struct ern_trainer_state *state, ern_span from) {
+  struct ern_training *t = state->training;
   ern_model *model = t->model;
   ern_status status = ERN_OK;
   ERN_TRY(t->backend->download_reals(t->stream, model->block, from, model->field.parameters));
-  ERN_TRY(t->backend->download_bytes(t->stream, model->bits, t->bits, t->bits.count));
+  ERN_TRY(t->backend->download_bytes(t->stream, model->bits, state->occupancy->bits, state->occupancy->bits.count));
   if (model->field.config.torso)
-    ERN_TRY(t->backend->download_reals(t->stream, model->torso_grid, t->torso_grid, t->torso_grid.count));
-  ERN_TRY(ern_trainer_poses_download(t));
+    ERN_TRY(t->backend->download_reals(t->stream, model->torso_grid, state->occupancy->torso_grid,
+                                       state->occupancy->torso_grid.count));
+  ERN_TRY(ern_trainer_poses_download(state->poses));
   *(t->config.torso ? &model->torso_steps : &model->head_steps) = t->step;
 fail:
   return status;
@@ -43,7 +46,7 @@ struct state_tensors {
   size_t count, names;
 };
 
-static void add_rows(struct state_tensors *s, const ern_trainer *t, const char *prefix, const float *block) {
+static void add_rows(struct state_tensors *s, const struct ern_training *t, const char *prefix, const float *block) {
   for (int r = 0; r < t->model->table.rows; r++) {
     const struct ern_parameter *row = &t->model->table.row[r];
     if (row->torso != t->config.torso) continue;
@@ -58,33 +61,30 @@ static void add_rows(struct state_tensors *s, const ern_trainer *t, const char *
   }
 }
 
-static void add_poses(struct state_tensors *s, const ern_trainer *t) {
-  const size_t frames = t->data.frames[0];
-  if (t->poses == NULL) return;
+static void add_poses(struct state_tensors *s, const struct ern_trainer_poses *poses) {
+  if (poses == NULL) return;
+  const size_t frames = poses->training->data.frames[0];
   s->tensor[s->count++] = (struct ern_tensor){.name = "state.camera",
                                               .dtype = ERN_F32,
                                               .dims = 2,
                                               .shape = {frames, ERN_POSE_PARAMETERS},
                                               .count = frames * ERN_POSE_PARAMETERS,
-                                              .data = t->poses->row};
-  s->tensor[s->count++] = (struct ern_tensor){.name = "state.camera_moment",
-                                              .dtype = ERN_F32,
-                                              .dims = 1,
-                                              .shape = {2},
-                                              .count = 2,
-                                              .data = t->poses->mean_square};
+                                              .data = poses->row};
+  s->tensor[s->count++] = (struct ern_tensor){
+      .name = "state.camera_moment", .dtype = ERN_F32, .dims = 1, .shape = {2}, .count = 2, .data = poses->mean_square};
 }
 
-static ern_status read_state(ern_trainer *t, struct state_tensors *s) {
+static ern_status read_state(struct ern_trainer_state *state, struct state_tensors *s) {
+  struct ern_training *t = state->training;
   const size_t n = t->model->field.parameters;
   ern_status status = ERN_OK;
   ERN_TRY(ERN_NEW(t->context, n, &s->second_moment));
-  ERN_TRY(t->backend->download_reals(t->stream, s->second_moment, t->second_moment, n));
+  ERN_TRY(t->backend->download_reals(t->stream, s->second_moment, state->values->second_moment, n));
   ERN_TRY(ERN_NEW(t->context, n, &s->average));
-  ERN_TRY(t->backend->download_reals(t->stream, s->average, t->average, n));
+  ERN_TRY(t->backend->download_reals(t->stream, s->average, state->values->average, n));
   if (!t->config.torso) {
     ERN_TRY(ERN_NEW(t->context, ERN_OCCUPANCY_CELLS, &s->grid));
-    ERN_TRY(t->backend->download_reals(t->stream, s->grid, t->grid, ERN_OCCUPANCY_CELLS));
+    ERN_TRY(t->backend->download_reals(t->stream, s->grid, state->occupancy->grid, ERN_OCCUPANCY_CELLS));
   }
   ern_model_tensors(t->model, &s->model);
   memcpy(s->tensor, s->model.tensor, s->model.count * sizeof s->tensor[0]);
@@ -98,9 +98,29 @@ static ern_status read_state(ern_trainer *t, struct state_tensors *s) {
                                                 .shape = {ERN_OCCUPANCY_CELLS},
                                                 .count = ERN_OCCUPANCY_CELLS,
                                                 .data = s->grid};
-  add_poses(s, t);
+  add_poses(s, state->poses);
 fail:
   return status;
+}
+
+/* The configuration has what the training made of it. */
+static void describe(const struct ern_trainer_state *state, struct ern_state_about *about) {
+  const struct ern_training *t = state->training;
+  *about = (struct ern_state_about){.torso = t->config.torso,
+                                    .step = t->step,
+                                    .ema_updates = state->values->ema_updates,
+                                    .seconds = t->seconds + t->pending_seconds,
+                                    .has_settings = true,
+                                    .config = t->config,
+                                    .layer = t->data.has_torso,
+                                    .beside = t->beside,
+                                    .fine_from = state->fine->from,
+                                    .pruned = state->occupancy->pruned};
+  about->config.precision = t->bf16 ? ERN_PRECISION_BF16 : ERN_PRECISION_FP32;
+  about->config.refine_poses = state->poses != NULL;
+  memcpy(about->features, t->features, sizeof about->features);
+  memcpy(about->fingerprint, t->fingerprint, sizeof about->fingerprint);
+  snprintf(about->fine_loss, sizeof about->fine_loss, "%s", ern_trainer_fine_name(t));
 }
 
 static ern_status move(ern_context *context, const char *from, const char *to) {
@@ -108,16 +128,19 @@ static ern_status move(ern_context *context, const char *from, const char *to) {
   return ern_fail(context, ERN_E_IO, "%s: cannot become %s: %s", from, to, strerror(errno));
 }
 
-static ern_status write_next(ern_trainer *t) {
+static ern_status write_next(struct ern_trainer_state *state) {
+  struct ern_training *t = state->training;
   struct state_tensors *s = NULL;
+  struct ern_state_about about;
   char *model_text = NULL, *state_text = NULL;
   ern_status status = ERN_OK;
   ERN_TRY(ERN_NEW(t->context, 1, &s));
-  ERN_TRY(read_state(t, s));
+  ERN_TRY(read_state(state, s));
   ERN_TRY(ern_model_metadata(t->model, &model_text));
-  ERN_TRY(ern_state_about_text(t, &state_text));
+  describe(state, &about);
+  ERN_TRY(ern_state_about_text(t->context, &about, &state_text));
   const struct ern_metadata metadata[] = {{"format", "ernerf"}, {"ernerf", model_text}, {"ernerf.state", state_text}};
-  ERN_TRY(ern_safetensors_write(t->context, t->run.next, s->tensor, s->count, metadata, 3, ERN_EXISTING_REPLACE));
+  ERN_TRY(ern_safetensors_write(t->context, state->run.next, s->tensor, s->count, metadata, 3, ERN_EXISTING_REPLACE));
 fail:
   if (s != NULL) {
     ern_release(t->context, s->second_moment);
@@ -132,13 +155,14 @@ fail:
 
 /* After a divergence the oldest state is kept permanently: it is from before the divergence, the newer one perhaps
  * not. */
-static ern_status keep_good(ern_trainer *t) {
-  const char *oldest = access(t->run.previous, F_OK) == 0 ? t->run.previous : t->run.state;
-  if (t->diverged && access(oldest, F_OK) == 0) {
-    const ern_status status = move(t->context, oldest, t->run.good);
+static ern_status keep_good(struct ern_trainer_state *state) {
+  struct ern_training *t = state->training;
+  const char *oldest = access(state->run.previous, F_OK) == 0 ? state->run.previous : state->run.state;
+  if (state->diverged && access(oldest, F_OK) == 0) {
+    const ern_status status = move(t->context, oldest, state->run.good);
     if (status != ERN_OK) return status;
   }
-  t->diverged = false;
+  state->diverged = false;
   return ERN_OK;
 }
 
@@ -159,44 +183,46 @@ static bool keep_rights(const struct ern_run_folder *run) {
  * file of the three names. The log is written first: it can be truncated to match the state, but not reconstructed. A
  * new training holds its log back until its state exists, as the log would otherwise accompany the earlier training's
  * state. */
-static ern_status write_state(ern_trainer *t) {
+static ern_status write_state(struct ern_trainer_state *state) {
+  struct ern_training *t = state->training;
   ern_status status = ERN_OK;
-  if (!t->run.fresh) ERN_TRY(ern_run_folder_flush(t->context, &t->run));
-  const bool made = keep_rights(&t->run);
-  status = write_next(t);
-  if (status != ERN_OK && made) (void)unlink(t->run.next);
+  if (!state->run.fresh) ERN_TRY(ern_run_folder_flush(t->context, &state->run));
+  const bool made = keep_rights(&state->run);
+  status = write_next(state);
+  if (status != ERN_OK && made) (void)unlink(state->run.next);
   if (status != ERN_OK) return status;
-  if (t->run.fresh) {
-    ern_run_folder_clear(&t->run);
-    t->run.fresh = false;
-    ERN_TRY(ern_run_folder_flush(t->context, &t->run));
+  if (state->run.fresh) {
+    ern_run_folder_clear(&state->run);
+    state->run.fresh = false;
+    ERN_TRY(ern_run_folder_flush(t->context, &state->run));
   }
-  ERN_TRY(keep_good(t));
-  if (access(t->run.state, F_OK) == 0 && !t->run.damaged) ERN_TRY(move(t->context, t->run.state, t->run.previous));
-  ERN_TRY(move(t->context, t->run.next, t->run.state));
-  t->run.damaged = false;
-  t->saved = t->step;
+  ERN_TRY(keep_good(state));
+  if (access(state->run.state, F_OK) == 0 && !state->run.damaged)
+    ERN_TRY(move(t->context, state->run.state, state->run.previous));
+  ERN_TRY(move(t->context, state->run.next, state->run.state));
+  state->run.damaged = false;
+  state->saved = t->step;
 fail:
   return status;
 }
 
-ern_status ern_trainer_save(ern_trainer *t) {
-  ERN_PLAIN_FLOATS;
-  ERN_NEED(NULL, t);
+ern_status ern_trainer_state_save(struct ern_trainer_state *state) {
+  struct ern_training *t = state->training;
   ern_status status = ERN_OK;
-  if (t->output == NULL) return ern_fail(t->context, ERN_E_STATE, "save: this training has no output file");
-  ERN_TRY(ern_run_folder_check_held(t->context, &t->run));
-  ERN_TRY(ern_trainer_download(t, t->parameters));
-  ERN_TRY(write_state(t));
-  if (ern_trainer_is_averaged(t))
-    ERN_TRY(ern_trainer_download(t, t->average));
+  if (state->output == NULL) return ern_fail(t->context, ERN_E_STATE, "save: this training has no output file");
+  ERN_TRY(ern_run_folder_check_held(t->context, &state->run));
+  ERN_TRY(ern_trainer_download(state, t->parameters));
+  ERN_TRY(write_state(state));
+  if (ern_trainer_is_averaged(state->values))
+    ERN_TRY(ern_trainer_download(state, state->values->average));
   else if (t->config.ema)
     ern_log(t->context, ERN_LOG_INFO,
             "%s: step %llu: the weights as they are, not their average: the average has seen %llu updates of the %d it "
             "needs",
-            t->output, (unsigned long long)t->step, (unsigned long long)t->ema_updates, ERN_LEAST_EMA_UPDATES);
-  ERN_TRY(ern_model_write(t->model, t->output, t->run.keep ? ERN_EXISTING_KEEP : ERN_EXISTING_REPLACE));
-  t->run.keep = false;
+            state->output, (unsigned long long)t->step, (unsigned long long)state->values->ema_updates,
+            ERN_LEAST_EMA_UPDATES);
+  ERN_TRY(ern_model_write(t->model, state->output, state->run.keep ? ERN_EXISTING_KEEP : ERN_EXISTING_REPLACE));
+  state->run.keep = false;
 fail:
   return status;
 }
@@ -204,7 +230,7 @@ fail:
 /* ---- reading ----------------------------------------------------------------------------------------------------- */
 
 /* codes: compares the number of individual codes too. */
-static ern_status check_config(ern_trainer *t, const ern_model *found, const char *path, bool codes) {
+static ern_status check_config(const struct ern_training *t, const ern_model *found, const char *path, bool codes) {
   const struct ern_model_config *a = &found->field.config, *b = &t->model->field.config;
   const struct {
     const char *name;
@@ -251,8 +277,8 @@ static ern_status take_row(ern_context *context, const struct ern_tensor_file *f
 /* Loads the rows that this training changes from the tensors with a prefix, and uploads them to the backend. `missing`
  * (a block, or NULL: zeros) gives the values of the other rows, of tensors without a gradient so far, for which
  * PyTorch's optimizer keeps nothing, and of an average that was not saved. */
-static ern_status take_rows(ern_trainer *t, const struct ern_tensor_file *file, const char *path, const char *prefix,
-                            const float *missing, ern_span to) {
+static ern_status take_rows(const struct ern_training *t, const struct ern_tensor_file *file, const char *path,
+                            const char *prefix, const float *missing, ern_span to) {
   const bool torch = ern_tensor_file_metadata(file, "torch") != NULL;
   float *block = NULL;
   ern_status status = ERN_NEW(t->context, t->model->field.parameters, &block);
@@ -273,15 +299,17 @@ fail:
 }
 
 /* Values and occupancy of `model` become the training's. */
-static ern_status upload_model(ern_trainer *t, const ern_model *model) {
+static ern_status upload_model(struct ern_trainer_state *state, const ern_model *model) {
+  struct ern_training *t = state->training;
   ern_status status = ERN_OK;
   ERN_TRY(t->backend->upload_reals(t->stream, t->parameters, model->block, model->field.parameters));
-  ERN_TRY(t->backend->upload_bytes(t->stream, t->bits, model->bits, t->bits.count));
+  ERN_TRY(t->backend->upload_bytes(t->stream, state->occupancy->bits, model->bits, state->occupancy->bits.count));
   if (model->field.config.torso) {
     double sum = 0;
-    for (size_t i = 0; i < t->torso_grid.count; i++) sum += (double)model->torso_grid[i];
-    t->torso_mean = sum / (double)t->torso_grid.count;
-    ERN_TRY(t->backend->upload_reals(t->stream, t->torso_grid, model->torso_grid, t->torso_grid.count));
+    for (size_t i = 0; i < state->occupancy->torso_grid.count; i++) sum += (double)model->torso_grid[i];
+    state->occupancy->torso_mean = sum / (double)state->occupancy->torso_grid.count;
+    ERN_TRY(t->backend->upload_reals(t->stream, state->occupancy->torso_grid, model->torso_grid,
+                                     state->occupancy->torso_grid.count));
   }
   t->model->head_steps = model->head_steps;
   t->model->torso_steps = model->torso_steps;
@@ -289,31 +317,32 @@ fail:
   return status;
 }
 
-static ern_status take_state(ern_trainer *t, const struct ern_tensor_file *file, const char *path,
+static ern_status take_state(struct ern_trainer_state *state, const struct ern_tensor_file *file, const char *path,
                              const struct ern_state_about *about, const ern_model *model) {
+  struct ern_training *t = state->training;
   float *grid = NULL;
   ern_status status = ERN_OK;
-  ERN_TRY(upload_model(t, model));
-  ERN_TRY(take_rows(t, file, path, "state.moment.", NULL, t->second_moment));
-  ERN_TRY(take_rows(t, file, path, "state.average.", model->block, t->average));
+  ERN_TRY(upload_model(state, model));
+  ERN_TRY(take_rows(t, file, path, "state.moment.", NULL, state->values->second_moment));
+  ERN_TRY(take_rows(t, file, path, "state.average.", model->block, state->values->average));
   if (!t->config.torso) {
     ERN_TRY(ERN_NEW(t->context, ERN_OCCUPANCY_CELLS, &grid));
     const bool own = ern_tensor_file_find(file, "state.density_grid") != NULL;
     ERN_TRY(ern_tensor_take(t->context, file, path, own ? "state.density_grid" : "density_grid", own ? 1 : 2,
                             own ? (size_t[]){ERN_OCCUPANCY_CELLS} : (size_t[]){1, ERN_OCCUPANCY_CELLS}, grid));
-    ERN_TRY(t->backend->upload_reals(t->stream, t->grid, grid, ERN_OCCUPANCY_CELLS));
-    ERN_TRY(ern_trainer_list(t));
+    ERN_TRY(t->backend->upload_reals(t->stream, state->occupancy->grid, grid, ERN_OCCUPANCY_CELLS));
+    ERN_TRY(ern_trainer_list(state->occupancy));
   }
-  if (t->poses != NULL && !ern_trainer_is_foreign(t, model) && ern_tensor_file_find(file, "state.camera") != NULL) {
+  if (state->poses != NULL && !ern_trainer_is_foreign(t, model) && ern_tensor_file_find(file, "state.camera") != NULL) {
     const size_t shape[2] = {t->data.frames[0], ERN_POSE_PARAMETERS}, two = 2;
-    ERN_TRY(ern_tensor_take(t->context, file, path, "state.camera", 2, shape, t->poses->row));
-    ERN_TRY(ern_tensor_take(t->context, file, path, "state.camera_moment", 1, &two, t->poses->mean_square));
+    ERN_TRY(ern_tensor_take(t->context, file, path, "state.camera", 2, shape, state->poses->row));
+    ERN_TRY(ern_tensor_take(t->context, file, path, "state.camera_moment", 1, &two, state->poses->mean_square));
   }
   t->step = about->step;
-  t->ema_updates = about->ema_updates;
+  state->values->ema_updates = about->ema_updates;
   t->seconds = about->seconds;
   t->beside = about->beside;
-  if (!about->said)
+  if (!about->has_settings)
     ern_log(t->context, ERN_LOG_INFO, "%s: goes on from PyTorch's optimizer, step %llu", path,
             (unsigned long long)about->step);
 fail:
@@ -375,7 +404,7 @@ static ern_status find_newest(ern_context *context, const struct ern_run_folder 
 
 /* Checks that a torso is resumed with the head that it was trained for. A head's individual codes are not compared: the
  * torso does not use them, and a longer clip has more of them. */
-static ern_status check_same_head(ern_trainer *t, const ern_model *found, const char *path) {
+static ern_status check_same_head(const struct ern_training *t, const ern_model *found, const char *path) {
   for (int r = 0; t->config.torso && r < t->model->table.rows; r++) {
     const struct ern_parameter *row = &t->model->table.row[r];
     if (row->torso || strcmp(row->name, "individual_codes") == 0) continue;
@@ -387,10 +416,12 @@ static ern_status check_same_head(ern_trainer *t, const ern_model *found, const 
   return ERN_OK;
 }
 
-ern_status ern_trainer_resume(ern_trainer *t, bool *resumed) {
+ern_status ern_trainer_resume(struct ern_trainer_state *state, bool *resumed) {
+  struct ern_training *t = state->training;
   struct candidate best;
+  struct ern_state_about here;
   *resumed = false;
-  ern_status status = find_newest(t->context, &t->run, true, &best);
+  ern_status status = find_newest(t->context, &state->run, true, &best);
   if (best.model == NULL) return status; /* nothing saved yet, or nothing readable */
   if (best.about.torso != t->config.torso)
     ERN_TRY(ern_fail(t->context, ERN_E_MISMATCH, "%s: is the state of a %s training, expected a %s one", best.path,
@@ -403,17 +434,18 @@ ern_status ern_trainer_resume(ern_trainer *t, bool *resumed) {
         best.path, best.model->clip, t->identity));
   ERN_TRY(check_config(t, best.model, best.path, true));
   ERN_TRY(check_same_head(t, best.model, best.path));
-  if (t->config.precision == ERN_PRECISION_DEFAULT && best.about.said)
+  if (t->config.precision == ERN_PRECISION_DEFAULT && best.about.has_settings)
     ERN_TRY(ern_trainer_choose_precision(t, best.path, best.about.config.precision));
-  ERN_TRY(ern_state_about_check(t, best.path, &best.about, &best.model->view));
-  ERN_TRY(take_state(t, &best.file, best.path, &best.about, best.model));
+  describe(state, &here);
+  ERN_TRY(ern_state_about_check(t, best.path, &best.about, &here, &best.model->view));
+  ERN_TRY(take_state(state, &best.file, best.path, &best.about, best.model));
   ern_trainer_keep_consent(t, best.model);
-  t->fine_from = best.about.fine_from;
-  t->pruned = best.about.pruned;
-  ERN_TRY(ern_run_folder_trim(t->context, &t->run, t->step));
-  t->run.fresh = false;
-  t->run.damaged = best.path == t->run.previous && access(t->run.state, F_OK) == 0;
-  t->saved = t->step;
+  state->fine->from = best.about.fine_from;
+  state->occupancy->pruned = best.about.pruned;
+  ERN_TRY(ern_run_folder_trim(t->context, &state->run, t->step));
+  state->run.fresh = false;
+  state->run.damaged = best.path == state->run.previous && access(state->run.state, F_OK) == 0;
+  state->saved = t->step;
   *resumed = true;
 fail:
   close_candidate(t->context, &best);
@@ -439,8 +471,8 @@ ern_status ern_train_state_describe_sized(ern_context *context, const char *outp
   ern_train_state own = {.torso = about->torso,
                          .step = about->step,
                          .seed = c->seed,
-                         .rays = about->said ? c->rays : 0,
-                         .has_settings = about->said,
+                         .rays = about->has_settings ? c->rays : 0,
+                         .has_settings = about->has_settings,
                          .iters = c->iters,
                          .lr = c->lr,
                          .lr_net = c->lr_net,
@@ -479,7 +511,7 @@ fail:
 
 /* Converts *model to this training's shape: additional individual codes get the initial values of a new training. A
  * torso keeps the head that it was given. */
-static ern_status take_over(ern_trainer *t, const char *path, ern_model **model) {
+static ern_status take_over(const struct ern_training *t, const char *path, ern_model **model) {
   ern_model *made = NULL;
   const ern_status status = ern_model_make(&made, t->context, &t->model->field.config);
   if (status != ERN_OK) return status;
@@ -495,16 +527,17 @@ static ern_status take_over(ern_trainer *t, const char *path, ern_model **model)
   return ERN_OK;
 }
 
-ern_status ern_trainer_take_file(ern_trainer *t, const char *path) {
+ern_status ern_trainer_take_file(struct ern_trainer_state *state, const char *path) {
+  struct ern_training *t = state->training;
   struct candidate c = {.path = path};
   ern_status status = ERN_OK;
   ERN_TRY(ern_checkpoint_read(t->context, path, &c.file));
   ERN_TRY(ern_model_from_file(&c.model, t->context, &c.file, path));
   ERN_TRY(check_config(t, c.model, path, false));
   const bool foreign = ern_trainer_is_foreign(t, c.model);
-  if (!foreign) ERN_TRY(ern_trainer_poses_take(t, c.model));
+  if (!foreign) ERN_TRY(ern_trainer_poses_take(state->poses, c.model));
   ern_trainer_keep_consent(t, c.model);
-  if (c.model->cameras > 0 && (foreign || t->poses == NULL))
+  if (c.model->cameras > 0 && (foreign || state->poses == NULL))
     ern_log(t->context, ERN_LOG_WARNING, "%s: its pose corrections are %s", path,
             foreign ? "of the frames of another clip, and are left out" : "not trained on, nor applied while training");
   ERN_TRY(ern_trainer_check_view(t, path, &c.model->view, c.model->field.config.torso, false));
@@ -516,10 +549,10 @@ ern_status ern_trainer_take_file(ern_trainer *t, const char *path) {
     if (c.about.torso != t->config.torso)
       ERN_TRY(ern_fail(t->context, ERN_E_MISMATCH, "%s: is the state of a %s training", path,
                        c.about.torso ? "torso" : "head"));
-    ERN_TRY(take_state(t, &c.file, path, &c.about, c.model));
+    ERN_TRY(take_state(state, &c.file, path, &c.about, c.model));
   } else {
-    ERN_TRY(upload_model(t, c.model));
-    ERN_TRY(t->backend->copy(t->stream, t->average, t->parameters, t->model->field.parameters));
+    ERN_TRY(upload_model(state, c.model));
+    ERN_TRY(t->backend->copy(t->stream, state->values->average, t->parameters, t->model->field.parameters));
     *(t->config.torso ? &t->model->torso_steps : &t->model->head_steps) = 0;
   }
   if (t->config.seconds > 0 && t->seconds + t->beside >= t->config.seconds)

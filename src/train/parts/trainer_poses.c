@@ -1,12 +1,13 @@
 /* SPDX-License-Identifier: MIT
  * Refinement of poses during training: one row per frame, updated when a step trains on the frame. */
-#include "train/trainer.h"
+#include "train/parts/trainer_poses.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "core/memory.h"
+#include "train/parts/trainer_data.h"
 
 enum { N = ERN_POSE_PARAMETERS };
 
@@ -30,7 +31,8 @@ static int by_time(const void *left, const void *right) {
 }
 
 /* Frames of [data_begin, data_end) with consecutive moments are neighbours. */
-static ern_status find_neighbours(ern_trainer *t, struct ern_trainer_poses *p) {
+static ern_status find_neighbours(struct ern_trainer_poses *p) {
+  const struct ern_training *t = p->training;
   const size_t begin = t->config.data_begin, count = t->config.data_end - begin;
   struct frame_time *frame_time = NULL;
   ern_status status = ERN_NEW(t->context, count, &frame_time);
@@ -74,20 +76,23 @@ static bool has_both(const struct ern_trainer_poses *p, size_t frame) {
   return p->beside[2 * frame] != frame && p->beside[2 * frame + 1] != frame;
 }
 
-ern_status ern_trainer_poses_make(ern_trainer *t) {
+ern_status ern_trainer_poses_make(struct ern_trainer_poses **poses, const struct ern_trainer_fine *fine) {
+  const struct ern_training *t = fine->training;
   const size_t frames = t->data.frames[0];
   struct ern_trainer_poses *p = NULL;
   ern_status status = ERN_OK;
   if (!t->config.refine_poses || t->config.torso) return ERN_OK;
   ERN_TRY(ERN_NEW(t->context, 1, &p));
-  t->poses = p;
+  *poses = p;
+  p->training = t;
+  p->fine = fine;
   ERN_TRY(ERN_NEW(t->context, N * frames, &p->row));
   ERN_TRY(ERN_NEW(t->context, N * frames, &p->bend));
   ERN_TRY(ERN_NEW(t->context, 2 * frames, &p->beside));
   ERN_TRY(ERN_NEW(t->context, frames, &p->speech_row));
   if (t->model->camera == NULL) ERN_TRY(ERN_NEW(t->context, N * frames, &t->model->camera));
   t->model->cameras = frames;
-  ERN_TRY(find_neighbours(t, p));
+  ERN_TRY(find_neighbours(p));
   for (size_t i = 0; i < frames; i++) {
     if (!has_both(p, i)) continue;
     add_way(p->bend + N * i, t->views[p->beside[2 * i]].pose, t->views[i].pose);
@@ -97,22 +102,23 @@ fail:
   return status;
 }
 
-void ern_trainer_poses_free(ern_trainer *t) {
-  struct ern_trainer_poses *p = t->poses;
+void ern_trainer_poses_free(struct ern_trainer_poses **poses) {
+  struct ern_trainer_poses *p = *poses;
   if (p == NULL) return;
-  ern_release(t->context, p->row);
-  ern_release(t->context, p->bend);
-  ern_release(t->context, p->beside);
-  ern_release(t->context, p->speech_row);
-  ern_release(t->context, p);
-  t->poses = NULL;
+  ern_context *context = p->training->context;
+  ern_release(context, p->row);
+  ern_release(context, p->bend);
+  ern_release(context, p->beside);
+  ern_release(context, p->speech_row);
+  ern_release(context, p);
+  *poses = NULL;
 }
 
 /* ---- from rows to poses ------------------------------------------------------------------------------------------ */
 
 /* Removes the mean of the rows: an offset common to all frames describes another head, not other poses. */
-static void hold_mean(ern_trainer *t) {
-  struct ern_trainer_poses *p = t->poses;
+static void hold_mean(struct ern_trainer_poses *p) {
+  const struct ern_training *t = p->training;
   const size_t begin = t->config.data_begin, end = t->config.data_end;
   double mean[N] = {0};
   for (size_t i = begin; i < end; i++)
@@ -122,9 +128,10 @@ static void hold_mean(ern_trainer *t) {
 }
 
 /* Row `frame` of the model, a trained one: degrees, and how far the camera goes, turn included. */
-static void give_row(ern_trainer *t, size_t frame) {
+static void give_row(const struct ern_trainer_poses *p, size_t frame) {
+  const struct ern_training *t = p->training;
   const double degree = 3.14159265358979323846 / 180;
-  const float *row = t->poses->row + N * frame, *pose = t->views[frame].pose;
+  const float *row = p->row + N * frame, *pose = t->views[frame].pose;
   float *angle = t->model->camera + 3 * frame, *move = t->model->camera + 3 * (t->model->cameras + frame);
   float turned[16];
   for (size_t k = 0; k < 3; k++) {
@@ -138,16 +145,16 @@ static void give_row(ern_trainer *t, size_t frame) {
   for (int r = 0; r < 3; r++) move[r] = (float)((double)turned[4 * r] - (double)pose[4 * r + 3] + (double)row[3 + r]);
 }
 
-struct ern_view ern_trainer_poses_view(ern_trainer *t, size_t frame) {
+struct ern_view ern_trainer_poses_view(const struct ern_trainer_poses *p, size_t frame) {
+  const struct ern_training *t = p->training;
   struct ern_view view = t->views[frame];
-  if (t->poses == NULL) return view;
-  give_row(t, frame);
+  give_row(p, frame);
   ern_model_refine(t->model, frame, view.pose);
   return view;
 }
 
 /* Frames that are not trained on get the rows that the regression predicts. */
-static void give_predicted(ern_trainer *t) {
+static void give_predicted(const struct ern_training *t) {
   ern_model *model = t->model;
   for (size_t i = 0; i < t->data.frames[0]; i++) {
     double row[N];
@@ -160,16 +167,17 @@ static void give_predicted(ern_trainer *t) {
   }
 }
 
-ern_status ern_trainer_poses_download(ern_trainer *t) {
+ern_status ern_trainer_poses_download(const struct ern_trainer_poses *p) {
+  if (p == NULL) return ERN_OK;
+  const struct ern_training *t = p->training;
   const size_t begin = t->config.data_begin, count = t->config.data_end - begin;
   const ern_model *model = t->model;
   float *pose = NULL, *row = NULL;
   ern_status status = ERN_OK;
-  if (t->poses == NULL) return ERN_OK;
   ERN_TRY(ERN_NEW(t->context, 16 * count, &pose));
   ERN_TRY(ERN_NEW(t->context, N * count, &row));
   for (size_t i = 0; i < count; i++) {
-    give_row(t, begin + i);
+    give_row(p, begin + i);
     memcpy(pose + 16 * i, t->views[begin + i].pose, 16 * sizeof *pose);
     for (size_t k = 0; k < 3; k++) {
       row[N * i + k] = model->camera[3 * (begin + i) + k];
@@ -184,13 +192,14 @@ fail:
   return status;
 }
 
-ern_status ern_trainer_poses_take(ern_trainer *t, const ern_model *model) {
+ern_status ern_trainer_poses_take(struct ern_trainer_poses *p, const ern_model *model) {
+  if (p == NULL) return ERN_OK;
+  const struct ern_training *t = p->training;
   const double degree = 3.14159265358979323846 / 180;
   const size_t rows = model->cameras < t->data.frames[0] ? model->cameras : t->data.frames[0];
-  if (t->poses == NULL) return ERN_OK;
   for (size_t i = 0; i < rows; i++) {
     const float *pose = t->views[i].pose;
-    float *row = t->poses->row + N * i, turned[16];
+    float *row = p->row + N * i, turned[16];
     memcpy(turned, pose, sizeof turned);
     for (int r = 0; r < 3; r++) turned[4 * r] = pose[4 * r + 3];
     ern_model_refine(model, i, turned); /* its last column has the model's move, its first the turn's */
@@ -199,17 +208,17 @@ ern_status ern_trainer_poses_take(ern_trainer *t, const ern_model *model) {
       row[3 + r] = (float)((double)turned[4 * r + 3] - (double)turned[4 * r]);
     }
   }
-  hold_mean(t);
-  return ern_trainer_poses_download(t);
+  hold_mean(p);
+  return ern_trainer_poses_download(p);
 }
 
 /* ---- a step ------------------------------------------------------------------------------------------------------ */
 
-static uint64_t first_step(const ern_trainer *t) { return ern_trainer_coarse_steps(t) / 10; }
+static uint64_t first_step(const struct ern_trainer_poses *p) { return ern_trainer_coarse_steps(p->fine) / 10; }
 
 /* Not in the fine stage: a patch shows too little of the head. */
-bool ern_trainer_poses_due(const ern_trainer *t) {
-  return t->poses != NULL && t->step >= first_step(t) && !ern_trainer_is_fine(t);
+bool ern_trainer_poses_due(const struct ern_trainer_poses *p) {
+  return p != NULL && p->training->step >= first_step(p) && !ern_trainer_is_fine(p->fine);
 }
 
 /* r_k = bend + second difference of the rows: what the path bends by at a frame. */
@@ -229,10 +238,10 @@ static double size_of(float *mean_square, const double gradient[3]) {
   return sqrt((double)*mean_square);
 }
 
-void ern_trainer_poses_step(ern_trainer *t, size_t frame, const double *dpose) {
-  struct ern_trainer_poses *p = t->poses;
-  const uint64_t last = ern_trainer_coarse_steps(t);
-  const double left = (double)(last - first_step(t)), s = last > t->step ? (double)(last - t->step) / left : 0;
+void ern_trainer_poses_step(struct ern_trainer_poses *p, size_t frame, const double *dpose) {
+  const struct ern_training *t = p->training;
+  const uint64_t last = ern_trainer_coarse_steps(p->fine);
+  const double left = (double)(last - first_step(p)), s = last > t->step ? (double)(last - t->step) / left : 0;
   const double fall = s * s,
                visits = left * t->config.frames_per_step / (double)(t->config.data_end - t->config.data_begin);
   const double scale = (double)t->data.scale;
@@ -248,5 +257,5 @@ void ern_trainer_poses_step(ern_trainer *t, size_t frame, const double *dpose) {
     if (size[k / 3] > 0) by += rate[k / 3] * fmax(-3, fmin(3, gradient / size[k / 3]));
     p->row[N * frame + k] -= (float)by;
   }
-  hold_mean(t);
+  hold_mean(p);
 }

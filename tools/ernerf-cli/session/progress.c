@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT */
-#include "output/progress.h"
+#include "session/progress.h"
 
 #include <math.h>
 #include <stdio.h>

@@ -1,11 +1,13 @@
 /* SPDX-License-Identifier: MIT
- * Validation: renders validation frames with the values that a save would write, and writes a picture of one. */
+ * Validation: renders validation frames with the values of the model, and writes a picture of one. */
+#include "train/parts/trainer_validate.h"
+
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
 
 #include "core/memory.h"
-#include "train/trainer.h"
+#include "train/parts/trainer_data.h"
 
 enum { PANELS = 5 }; /* prediction, truth, difference, audio attention, eye attention */
 
@@ -17,7 +19,7 @@ struct look {
   uint8_t *picture; /* [height][PANELS*width][3] */
 };
 
-static void look_free(ern_trainer *t, struct look *look) {
+static void look_free(const struct ern_training *t, struct look *look) {
   ern_renderer_free(&look->renderer);
   ern_release(t->context, look->rgb);
   ern_release(t->context, look->attention);
@@ -26,7 +28,7 @@ static void look_free(ern_trainer *t, struct look *look) {
   *look = (struct look){0};
 }
 
-static ern_status look_make(ern_trainer *t, struct look *look) {
+static ern_status look_make(const struct ern_training *t, struct look *look) {
   ern_render_options options = ern_render_options_default();
   ern_status status = ERN_OK;
   *look = (struct look){.pixels = (size_t)t->data.width * (size_t)t->data.height};
@@ -45,8 +47,9 @@ fail:
   return status;
 }
 
-static ern_status render(ern_trainer *t, struct look *look, int split, size_t frame, const uint8_t **truth,
-                         double *psnr) {
+static ern_status render(const struct ern_trainer_speech *speech, const struct ern_trainer_poses *poses,
+                         struct look *look, int split, size_t frame, const uint8_t **truth, double *psnr) {
+  const struct ern_training *t = speech->training;
   const uint8_t *torso = NULL;
   struct ern_view view;
   ern_dataset_frame about;
@@ -54,21 +57,21 @@ static ern_status render(ern_trainer *t, struct look *look, int split, size_t fr
   ERN_TRY(ern_trainer_frame(t, split, frame, &about));
   ERN_TRY(ern_trainer_pixels(t, split, frame, truth, &torso));
   ERN_TRY(ern_trainer_view(t, split, frame, &view));
-  ERN_TRY(ern_trainer_windows(t, split, frame, t->host_windows));
+  ERN_TRY(ern_trainer_windows(speech, split, frame, speech->windows));
   ern_frame_input input = {
       .camera = {.focal = view.focal, .cx = view.cx, .cy = view.cy, .width = view.width, .height = view.height},
-      .windows = t->host_windows,
+      .windows = speech->windows,
       .window_length = t->data.features->window_length,
       .eye = about.eye,
       .individual = ERN_INDIVIDUAL_MEAN,
       .background = t->data.background,
       .torso = t->data.has_torso && !t->config.torso ? torso : NULL};
   memcpy(input.camera.pose, view.pose, sizeof view.pose);
-  if (t->poses != NULL) {
+  if (poses != NULL) {
     if (split == 0)
       ern_model_refine(t->model, frame, view.pose);
     else
-      ern_model_refine_unseen(t->model, t->poses->speech_row, t->data.frames[0], about.aud_id, view.pose);
+      ern_model_refine_unseen(t->model, poses->speech_row, t->data.frames[0], about.aud_id, view.pose);
     input.head_pose = view.pose;
   }
   const ern_frame_output output = {.rgb = look->rgb, .attention = look->attention, .eye = look->eye};
@@ -88,7 +91,7 @@ static float largest(const float *values, size_t count) {
 }
 
 /* Side by side; the difference four times as large, the attentions with their largest value as white. */
-static void draw(const ern_trainer *t, struct look *look, const uint8_t *truth) {
+static void draw(const struct ern_training *t, struct look *look, const uint8_t *truth) {
   const size_t width = (size_t)t->data.width;
   const float most_attention = largest(look->attention, look->pixels), most_eye = largest(look->eye, look->pixels);
   for (size_t i = 0; i < look->pixels; i++) {
@@ -105,13 +108,15 @@ static void draw(const ern_trainer *t, struct look *look, const uint8_t *truth) 
 }
 
 /* Records an error text for a hook that failed without one. `before`: the last error before the hook was called. */
-static ern_status answered(ern_trainer *t, ern_status status, const char *hook, const char *before) {
-  if (status == ERN_OK || !ern_trainer_said_nothing(t, before)) return status;
+static ern_status answered(const struct ern_training *t, ern_status status, const char *hook, const char *before) {
+  if (status == ERN_OK || !ern_trainer_error_is(t->context, before)) return status;
   return ern_fail(t->context, status, "train: the hook `%s` answered %s at step %llu", hook, ern_status_name(status),
                   (unsigned long long)t->step);
 }
 
-ern_status ern_trainer_validate(ern_trainer *t, const ern_train_hooks *hooks, double *psnr) {
+ern_status ern_trainer_validate(const struct ern_trainer_speech *speech, const struct ern_trainer_poses *poses,
+                                const ern_train_hooks *hooks, double *psnr) {
+  const struct ern_training *t = speech->training;
   const int split = t->data.frames[1] > 0 ? 1 : 0;
   const size_t most = t->config.validate_frames > 0 ? (size_t)t->config.validate_frames : SIZE_MAX;
   const size_t all = split == 1 ? t->data.frames[1] : 1, count = all < most ? all : most;
@@ -119,14 +124,12 @@ ern_status ern_trainer_validate(ern_trainer *t, const ern_train_hooks *hooks, do
   ern_status status = ERN_OK;
   char name[40], before[ERN_ERROR_BYTES];
   *psnr = 0;
-  ERN_TRY(ern_trainer_download(t, ern_trainer_is_averaged(t) ? t->average : t->parameters));
-  ern_arena_trim(t->stream); /* a renderer needs memory too; the download has waited for all that ran */
   ERN_TRY(look_make(t, &look));
   for (size_t k = 0; k < count; k++) {
     const uint8_t *truth = NULL;
     const size_t frame = split == 1 ? k * all / count : t->config.data_begin;
     double found = 0;
-    ERN_TRY(render(t, &look, split, frame, &truth, &found));
+    ERN_TRY(render(speech, poses, &look, split, frame, &truth, &found));
     *psnr += found / (double)count;
     if (k == 0) draw(t, &look, truth);
     if (hooks->validation_frame == NULL) continue;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT */
-#include "session/rate.h"
+#include "rate.h"
 
 #include <stdint.h>
 #include <stdio.h>

@@ -1,6 +1,8 @@
 /* SPDX-License-Identifier: MIT
  * Finds the occupied cells that a head's pictures need (docs/maths.md, Occupancy): over the rays of training frames,
  * those with a sample whose weight is at least a certain share of the largest weight in its ray. */
+#include "train/parts/trainer_prune.h"
+
 #include <math.h>
 
 #include "core/memory.h"
@@ -9,8 +11,8 @@
 #include "render/morton.h"
 #include "render/render_ops.h"
 #include "render/stages.h"
+#include "train/parts/trainer_data.h"
 #include "train/step_ops.h"
-#include "train/trainer.h"
 
 static const double prune_from = 0.85; /* of the coarse steps, found by experiment (docs/results.md) */
 enum {
@@ -27,7 +29,7 @@ struct samples {
   float *sigma, *dt, *x[3]; /* [CHUNK * max_steps] each, x: of the cube [-bound, bound]^3 */
 };
 
-static ern_status samples_make(const ern_trainer *t, struct samples *s) {
+static ern_status samples_make(const struct ern_training *t, struct samples *s) {
   const size_t most = (size_t)CHUNK * (size_t)t->config.max_steps; /* max_steps <= 1024 */
   ern_status status = ERN_OK;
   ERN_TRY(ERN_NEW(t->context, 2 * CHUNK + 1, &s->pixel));
@@ -42,7 +44,7 @@ fail:
 
 /* Takes the next pixels of a frame, from number `begin` on; returns how many. Their starts are jittered within a step,
  * as in training: without jitter, rays would miss cells that rays of another pose meet first. */
-static size_t rays_of(const ern_trainer *t, size_t k, size_t begin, const struct samples *s) {
+static size_t rays_of(const struct ern_training *t, size_t k, size_t begin, const struct samples *s) {
   const size_t pixels = (size_t)t->data.width * (size_t)t->data.height;
   size_t count = 0;
   for (size_t at = STRIDE * begin + k % STRIDE; at < pixels && count < CHUNK; at += STRIDE) {
@@ -64,7 +66,7 @@ static uint32_t cell_of(const struct samples *s, size_t i, float bound) {
 /* needed[c] is set where a sample of the cell has w = alpha T (docs/maths.md, Compositing) of at least `share` of the
  * largest in its ray, and of at least 0.003. A share, so that samples stay in silhouettes, whose rays absorb little,
  * and in a head that is still diffuse, where no sample absorbs much. */
-static void weigh(const ern_trainer *t, struct samples *s, size_t rays, float share, bool *needed) {
+static void weigh(const struct ern_training *t, struct samples *s, size_t rays, float share, bool *needed) {
   const float least_weight = 0.003f; /* less than a step of 8 bits */
   for (size_t r = 0; r < rays; r++) {
     const size_t begin = (size_t)s->first[r], end = (size_t)s->first[r + 1];
@@ -81,8 +83,9 @@ static void weigh(const ern_trainer *t, struct samples *s, size_t rays, float sh
   }
 }
 
-static ern_status look_at(ern_trainer *t, const struct ern_view *view, struct ern_head_density_args density,
-                          struct samples *s, size_t rays, bool *needed) {
+static ern_status look_at(const struct ern_trainer_occupancy *o, const struct ern_view *view,
+                          struct ern_head_density_args density, struct samples *s, size_t rays, bool *needed) {
+  const struct ern_training *t = o->training;
   const struct ern_arena_mark mark = ern_arena_mark(t->stream);
   const struct ern_march_settings march = ern_trainer_march(t);
   struct ern_backend *backend = t->backend;
@@ -93,7 +96,7 @@ static ern_status look_at(ern_trainer *t, const struct ern_view *view, struct er
   ERN_TRY(backend->upload_int32(t->stream, pixel, s->pixel, rays));
   ERN_TRY(ern_scratch_take(t->stream, ERN_ELEMENT_REAL, rays, &jitter));
   ERN_TRY(backend->upload_reals(t->stream, jitter, s->jitter, rays));
-  ERN_TRY(ern_march_rays(t->stream, pixel, view, jitter, t->bits, &march, rays, &marched));
+  ERN_TRY(ern_march_rays(t->stream, pixel, view, jitter, o->bits, &march, rays, &marched));
   ERN_TRY(ern_scratch_take(t->stream, ERN_ELEMENT_REAL, marched.total, &density.sigma));
   density.x = marched.x;
   density.n = marched.total;
@@ -110,30 +113,34 @@ fail:
   return status;
 }
 
-static ern_status look_at_frame(ern_trainer *t, size_t k, size_t frame, struct samples *s, bool *needed) {
+static ern_status look_at_frame(const struct ern_trainer_occupancy *o, const struct ern_trainer_poses *poses, size_t k,
+                                size_t frame, struct samples *s, bool *needed) {
+  const struct ern_training *t = o->training;
   const struct ern_arena_mark mark = ern_arena_mark(t->stream);
-  const struct ern_view view = t->poses != NULL ? ern_trainer_poses_view(t, frame) : t->views[frame];
+  const struct ern_view view = poses != NULL ? ern_trainer_poses_view(poses, frame) : t->views[frame];
   ern_dataset_frame about;
   ern_span code;
   ern_status status = ERN_OK;
   ERN_TRY(ern_trainer_frame(t, 0, frame, &about));
-  ERN_TRY(ern_trainer_audio_code(t, frame, &code));
+  ERN_TRY(ern_trainer_audio_code(o->speech, frame, &code));
   const struct ern_head_density_args density = {
       .parameters = t->parameters, .field = &t->model->field, .code = code, .eye_value = about.eye};
   size_t rays;
   for (size_t begin = 0; (rays = rays_of(t, k, begin, s)) > 0; begin += rays)
-    ERN_TRY(look_at(t, &view, density, s, rays, needed));
+    ERN_TRY(look_at(o, &view, density, s, rays, needed));
 fail:
   ern_arena_release(t->stream, mark);
   return status;
 }
 
-bool ern_trainer_prune_due(const ern_trainer *t) {
-  const bool last_part = (double)t->step >= prune_from * (double)ern_trainer_coarse_steps(t);
+bool ern_trainer_prune_due(const struct ern_trainer_fine *fine) {
+  const struct ern_training *t = fine->training;
+  const bool last_part = (double)t->step >= prune_from * (double)ern_trainer_coarse_steps(fine);
   return !t->config.torso && t->config.prune_share > 0 && t->step > 0 && last_part;
 }
 
-ern_status ern_trainer_prune(ern_trainer *t) {
+ern_status ern_trainer_prune(struct ern_trainer_occupancy *o, const struct ern_trainer_poses *poses) {
+  const struct ern_training *t = o->training;
   const size_t begin = t->config.data_begin, all = t->config.data_end - begin, count = all < FRAMES ? all : FRAMES;
   struct samples s = {0};
   bool *needed = NULL;
@@ -142,13 +149,13 @@ ern_status ern_trainer_prune(ern_trainer *t) {
   ERN_TRY(samples_make(t, &s));
   ERN_TRY(ERN_NEW(t->context, ERN_OCCUPANCY_CELLS, &needed));
   ERN_TRY(ERN_NEW(t->context, ERN_OCCUPANCY_BYTES, &bits));
-  for (size_t k = 0; k < count; k++) ERN_TRY(look_at_frame(t, k, begin + k * all / count, &s, needed));
-  ERN_TRY(t->backend->download_bytes(t->stream, bits, t->bits, t->bits.count));
+  for (size_t k = 0; k < count; k++) ERN_TRY(look_at_frame(o, poses, k, begin + k * all / count, &s, needed));
+  ERN_TRY(t->backend->download_bytes(t->stream, bits, o->bits, o->bits.count));
   for (uint32_t cell = 0; cell < ERN_OCCUPANCY_CELLS; cell++)
     if (!needed[cell]) bits[cell >> 3] &= (uint8_t) ~(1u << (cell & 7));
-  ERN_TRY(t->backend->upload_bytes(t->stream, t->bits, bits, t->bits.count));
+  ERN_TRY(t->backend->upload_bytes(t->stream, o->bits, bits, o->bits.count));
   ERN_TRY(t->backend->synchronize(t->stream));
-  t->pruned = true;
+  o->pruned = true;
 fail:
   ern_release(t->context, bits);
   ern_release(t->context, needed);

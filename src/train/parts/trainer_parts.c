@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: MIT
  * Parts of a step: the gradient of each is summed from zero, and parts are added as a binary tree. So the sum has the
  * same bits whether one process computes all of them or several a range each (docs/scaling.md, "Parts of a step"). */
-#include <string.h>
+#include "train/parts/trainer_parts.h"
 
 #include "core/memory.h"
-#include "train/trainer.h"
+#include "train/parts/trainer_processes.h"
 
 static bool is_power_of_2(int value) { return value > 0 && (value & (value - 1)) == 0; }
 
@@ -33,17 +33,9 @@ ern_status ern_trainer_parts_check(ern_context *context, const ern_train_config 
   return ERN_OK;
 }
 
-size_t ern_trainer_step_batches(const ern_trainer *t) {
-  const size_t frames = ern_trainer_step_frames(t), parts = (size_t)t->config.step_parts;
-  return frames > parts ? frames : parts;
-}
-
-size_t ern_trainer_first_batch(const ern_trainer *t) {
-  return ern_trainer_own_batches(t) * (size_t)t->communicator.rank;
-}
-
 /* The range from the first to the last trained row; rows in between that are not trained have no gradient. */
-static void find_values(ern_trainer *t) {
+static void find_values(struct ern_trainer_parts *parts) {
+  const struct ern_training *t = parts->training;
   const struct ern_parameter_table *table = &t->model->table;
   size_t begin = SIZE_MAX, end = 0;
   for (int r = 0; r < table->rows; r++) {
@@ -52,29 +44,26 @@ static void find_values(ern_trainer *t) {
     if (row->at < begin) begin = row->at;
     if (row->at + row->count > end) end = row->at + row->count;
   }
-  t->parts.begin = begin < end ? begin : 0;
-  t->parts.count = begin < end ? end - begin : 0;
+  parts->begin = begin < end ? begin : 0;
+  parts->count = begin < end ? end - begin : 0;
 }
 
-ern_status ern_trainer_parts_make(ern_trainer *t) {
-  struct ern_trainer_parts *parts = &t->parts;
+ern_status ern_trainer_parts_make(struct ern_trainer_parts *parts, const struct ern_training *t) {
   size_t levels = 2; /* one more than the height of the tree over this process's parts */
   ern_status status = ERN_OK;
+  *parts = (struct ern_trainer_parts){.training = t};
   if (t->config.step_parts == 1) return ERN_OK;
   for (int own = t->config.step_parts / t->communicator.size; own > 1; own /= 2) levels++;
-  find_values(t);
+  find_values(parts);
   ERN_TRY(ERN_NEW(t->context, levels * parts->count, &parts->values));
   ERN_TRY(ERN_NEW(t->context, levels, &parts->sums));
-  if (t->communicator.size > 1 && !t->config.torso) ERN_TRY(ERN_NEW(t->context, ERN_REFRESH_CHUNK, &parts->gathered));
 fail:
   return status;
 }
 
-void ern_trainer_parts_free(ern_trainer *t) {
-  ern_release(t->context, t->parts.values);
-  ern_release(t->context, t->parts.sums);
-  ern_release(t->context, t->parts.gathered);
-  t->parts = (struct ern_trainer_parts){0};
+void ern_trainer_parts_free(struct ern_trainer_parts *parts, ern_context *context) {
+  ern_release(context, parts->values);
+  ern_release(context, parts->sums);
 }
 
 static void add_sum(struct ern_step_sum *to, const struct ern_step_sum *from) {
@@ -91,42 +80,37 @@ static void merge(struct ern_trainer_parts *parts, size_t height) {
   add_sum(&parts->sums[height - 2], &parts->sums[height - 1]);
 }
 
-/* Computes a part, summed from zero, into level `height`. */
-static ern_status part_step(ern_trainer *t, struct ern_batch *batches, size_t count, size_t height) {
-  struct ern_trainer_parts *parts = &t->parts;
-  ern_status status = ERN_OK;
-  parts->sums[height] = (struct ern_step_sum){.samples = 0};
-  ERN_TRY(t->backend->zero(t->stream, t->gradient));
-  for (size_t k = 0; k < count; k++) ERN_TRY(ern_trainer_batch_step(t, &batches[k], &parts->sums[height]));
-  ERN_TRY(t->backend->download_reals(t->stream, parts->values + height * parts->count,
-                                     ern_span_part(t->gradient, parts->begin, parts->count), parts->count));
-fail:
-  return status;
+ern_status ern_trainer_parts_add(struct ern_trainer_parts *parts, size_t number, ern_span gradient,
+                                 const struct ern_step_sum *sum) {
+  const struct ern_training *t = parts->training;
+  size_t height = (size_t)__builtin_popcountll(number); /* parts before it, merged, wait below */
+  const ern_status status =
+      t->backend->download_reals(t->stream, parts->values + height * parts->count,
+                                 ern_span_part(gradient, parts->begin, parts->count), parts->count);
+  if (status != ERN_OK) return status;
+  parts->sums[height++] = *sum;
+  for (size_t above = number + 1; above % 2 == 0; above /= 2) merge(parts, height--);
+  return ERN_OK;
 }
 
-ern_status ern_trainer_parts_step(ern_trainer *t, struct ern_batch *batches, struct ern_step_sum *sum) {
-  struct ern_trainer_parts *parts = &t->parts;
-  const size_t own = (size_t)(t->config.step_parts / t->communicator.size), each = ern_trainer_own_batches(t) / own;
-  const size_t frames = ern_trainer_step_frames(t), all = ern_trainer_step_batches(t);
-  size_t height = 0;
+ern_status ern_trainer_parts_finish(const struct ern_trainer_parts *parts, ern_span gradient, size_t frames,
+                                    size_t batches, struct ern_step_sum *sum) {
+  const struct ern_training *t = parts->training;
+  struct ern_step_sum *all = &parts->sums[0];
   ern_status status = ERN_OK;
-  for (size_t p = 0; p < own; p++) {
-    ERN_TRY(part_step(t, batches + p * each, each, height++));
-    for (size_t above = p + 1; above % 2 == 0; above /= 2) merge(parts, height--);
-  }
   if (t->communicator.rank == 0) {
-    parts->sums[0].seconds = t->seconds + t->pending_seconds;
-    parts->sums[0].beside = t->beside;
+    all->seconds = t->seconds + t->pending_seconds;
+    all->beside = t->beside;
   }
-  ERN_TRY(ern_trainer_sum(t, parts->values, parts->count, &parts->sums[0]));
-  *sum = parts->sums[0];
+  ERN_TRY(ern_trainer_sum(t, parts->values, parts->count, (double *)all, sizeof *all / sizeof(double)));
+  *sum = *all;
   /* a batch's gradient is that of the mean over its own rays; a power of 2, so exact */
-  const float share = (float)frames / (float)all;
+  const float share = (float)frames / (float)batches;
   for (size_t i = 0; i < parts->count && share != 1; i++) parts->values[i] *= share;
   for (size_t i = 0; i < frames * ERN_POSE_PARAMETERS; i++)
     sum->dpose[i / ERN_POSE_PARAMETERS][i % ERN_POSE_PARAMETERS] *= (double)share;
-  ERN_TRY(t->backend->upload_reals(t->stream, ern_span_part(t->gradient, parts->begin, parts->count), parts->values,
-                                   parts->count));
+  status = t->backend->upload_reals(t->stream, ern_span_part(gradient, parts->begin, parts->count), parts->values,
+                                    parts->count);
 fail:
   return status;
 }
