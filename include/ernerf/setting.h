@@ -53,6 +53,7 @@ typedef struct ern_setting {
   ern_setting_resume resume; /* what a resume compares */
   ern_setting_scope scope;   /* which trainings have it */
   bool same_everywhere;      /* processes that train one model must agree on it */
+  const char *group;         /* what it is about, such as "fine stage"; NULL: none */
 } ern_setting;
 
 enum { ERN_SETTING_TEXT_BYTES = 48 }; /* enough for the text of any number or word */

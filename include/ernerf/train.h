@@ -143,7 +143,8 @@ typedef struct ern_communicator {
 
 #define ERN_STEP_PARTS_MOST 64 /* ern_train_config.step_parts */
 
-/* Where a comment gives no default, it is 0, false or NULL. Plain data, may grow. */
+/* Where a comment gives no default, it is 0, false or NULL. Members stand in the order in which they were added;
+ * ern_setting.group says which belong together. Plain data, may grow. */
 typedef struct ern_train_config {
   uint32_t cookie, size; /* set by ern_train_config_default() */
   bool torso;            /* train the torso of `head` instead of a head */

@@ -182,7 +182,7 @@ class Dataset(Structure):  # filled by ern_clip_dataset_sized and handed on; not
 class Setting(Structure):
     _fields_ = [("name", c_char_p), ("type", ENUM), ("at", c_size_t), ("least", c_double), ("most", c_double),
                 ("fallback", c_double), ("words", c_char_p), ("help", c_char_p), ("resume", ENUM), ("scope", ENUM),
-                ("same_everywhere", c_bool)]
+                ("same_everywhere", c_bool), ("group", c_char_p)]
 
 
 SETTING_TYPES = (c_bool, c_int, c_uint64, c_size_t, c_float, c_double, ENUM, c_char_p, c_void_p)  # by ern_setting_type

@@ -33,6 +33,7 @@ static void test_all_members(void **state) {
   const size_t begin = offsetof(ern_train_config, size) + sizeof(uint32_t);
   assert_int_equal(begin, offsetof(ern_render_options, size) + sizeof(uint32_t));
   expect_all_members(ern_train_setting, begin, sizeof(ern_train_config));
+  for (size_t i = 0; ern_train_setting(i) != NULL; i++) assert_non_null(ern_train_setting(i)->group);
   expect_all_members(ern_render_setting, begin, sizeof(ern_render_options));
 }
 

@@ -50,8 +50,32 @@ static void print_option(const struct option *option) {
   print_wrapped(column, option_text(option, text));
 }
 
-void help_settings(const struct args *args) {
+static bool in_group(const ern_setting *s, const char *group) {
+  return s->group == group || (s->group != NULL && group != NULL && strcmp(s->group, group) == 0);
+}
+
+/* Whether row(index) is offered, and no offered row before it is of its group. */
+static bool is_first_of_group(const struct setting_choice *choice, size_t index) {
+  for (size_t i = 0; i < index; i++)
+    if (setting_is_offered(choice, choice->row(i)) && in_group(choice->row(i), choice->row(index)->group)) return false;
+  return setting_is_offered(choice, choice->row(index));
+}
+
+static void print_group(const struct setting_choice *choice, const char *group) {
   char text[HELP_BYTES], expected[TEXT_BYTES], preset[ERN_SETTING_TEXT_BYTES], name[SETTING_NAME_BYTES];
+  const ern_setting *s;
+  if (group != NULL) printf("%s:\n", group);
+  for (size_t i = 0; (s = choice->row(i)) != NULL; i++) {
+    if (!setting_is_offered(choice, s) || !in_group(s, group)) continue;
+    ern_setting_expected(s, expected, sizeof expected);
+    ern_setting_write(s, choice->config, preset);
+    snprintf(text, sizeof text, "%s; %s (default %s)", s->help, expected, preset);
+    print_wrapped(printf("  %s", setting_option_name(s->name, name)), text);
+  }
+}
+
+void help_settings(const struct args *args) {
+  char text[HELP_BYTES];
   const struct setting_choice *choice = args->settings;
   const ern_setting *s;
   for (int g = 0; g < ARGS_GROUPS; g++)
@@ -62,13 +86,8 @@ void help_settings(const struct args *args) {
       const int column = printf("  %s=%s", option->name, value != NULL ? value : "yes|no");
       print_wrapped(column, option_text(option, text));
     }
-  for (size_t i = 0; choice != NULL && (s = choice->row(i)) != NULL; i++) {
-    if (!setting_is_offered(choice, s)) continue;
-    ern_setting_expected(s, expected, sizeof expected);
-    ern_setting_write(s, choice->config, preset);
-    snprintf(text, sizeof text, "%s; %s (default %s)", s->help, expected, preset);
-    print_wrapped(printf("  %s", setting_option_name(s->name, name)), text);
-  }
+  for (size_t i = 0; choice != NULL && (s = choice->row(i)) != NULL; i++)
+    if (is_first_of_group(choice, i)) print_group(choice, s->group);
 }
 
 static void print_help(const struct args *args) {
