@@ -58,6 +58,9 @@ typedef struct ern_live_options {
                                  copied. NULL (default): the mouth follows the sound alone */
 } ern_live_options;
 
+/* The members of ern_live_options in their order, cookie and size left out (setting.h); NULL from their number on. */
+ERN_API const ern_setting *ern_live_setting(size_t index);
+
 /* The defaults. */
 ERN_API void ern_live_options_fill(ern_live_options *options, size_t bytes);
 static inline ern_live_options ern_live_options_default(void) {

@@ -17,6 +17,10 @@ CHECK(ern_live_options_fill) {
   const ern_live_options options = ern_live_options_default();
   assert_int_equal(options.rate, ern_sound_reader_options_default().rate); /* what is read is pushed */
 }
+CHECK(ern_live_setting) {
+  assert_non_null(ern_live_setting(0));
+  assert_null(ern_live_setting(SIZE_MAX));
+}
 CHECK(ern_live_options_default) { assert_int_equal(ern_live_options_default().channels, 1); }
 CHECK(ern_live_open) {
   ern_live *live = (ern_live *)(void *)&w;
@@ -97,20 +101,12 @@ CHECK(ern_live_draw) {
   REFUSED_ALONE(ern_live_draw(&frame, NULL, &(ern_frame_input){0}, &(ern_frame_output){0}, NULL));
 }
 
-static const struct arguments_check table[] = {ROW(ern_live_options_fill),
-                                               ROW(ern_live_options_default),
-                                               ROW(ern_live_open),
-                                               ROW(ern_live_free),
-                                               ROW(ern_live_push),
-                                               ROW(ern_live_push_windows),
-                                               ROW(ern_live_insert_silence),
-                                               ROW(ern_live_flush),
-                                               ROW(ern_live_cancel),
-                                               ROW(ern_live_samples),
-                                               ROW(ern_live_end),
-                                               ROW(ern_live_pull),
-                                               ROW(ern_live_draw_sized),
-                                               ROW(ern_live_draw)};
+static const struct arguments_check table[] = {
+    ROW(ern_live_options_fill), ROW(ern_live_setting),        ROW(ern_live_options_default),
+    ROW(ern_live_open),         ROW(ern_live_free),           ROW(ern_live_push),
+    ROW(ern_live_push_windows), ROW(ern_live_insert_silence), ROW(ern_live_flush),
+    ROW(ern_live_cancel),       ROW(ern_live_samples),        ROW(ern_live_end),
+    ROW(ern_live_pull),         ROW(ern_live_draw_sized),     ROW(ern_live_draw)};
 enum { CHECKS = sizeof table / sizeof *table };
 
 static void test_every_function_has_a_check(void **state) {

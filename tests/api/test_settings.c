@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "core/setting_table.h"
+#include "ernerf/live.h"
 #include "ernerf/render.h"
 #include "ernerf/train.h"
 #include "support.h"
@@ -33,6 +34,7 @@ static void test_all_members(void **state) {
   const size_t begin = offsetof(ern_train_config, size) + sizeof(uint32_t);
   assert_int_equal(begin, offsetof(ern_render_options, size) + sizeof(uint32_t));
   expect_all_members(ern_train_setting, begin, sizeof(ern_train_config));
+  expect_all_members(ern_live_setting, begin, sizeof(ern_live_options));
   for (size_t i = 0; ern_train_setting(i) != NULL; i++) assert_non_null(ern_train_setting(i)->group);
   expect_all_members(ern_render_setting, begin, sizeof(ern_render_options));
 }

@@ -13,13 +13,12 @@
 #include "core/memory.h"
 #include "core/sized.h"
 #include "io/feature_range.h"
+#include "media/live/live_limits.h"
 #include "media/live/live_speech.h"
 
 enum {
   CODE = 32,
-  MOST_CAPACITY = 1000,
-  MOST_RATE_PART = 1000000,
-  SILENCE_TICKS = 2048, /* a power of two above MOST_CAPACITY plus the ticks read before and after */
+  SILENCE_TICKS = 2048, /* a power of two above ERN_LIVE_MOST_CAPACITY plus the ticks read before and after */
   PAUSE_BEFORE = 16,    /* ticks before and after a frame that are searched for a pause */
   PAUSE_AFTER = 3,
   PAUSE_TICKS = PAUSE_BEFORE + 1 + PAUSE_AFTER,
@@ -54,23 +53,13 @@ struct ern_live {
 /* ---- opening ----------------------------------------------------------------------------------------------------- */
 
 static ern_status check_options(ern_context *context, const ern_live_options *o) {
-  const struct {
-    const char *name;
-    int value, least, most;
-  } rows[] = {{"rate", o->rate, 1000, 384000},
-              {"channels", o->channels, 1, 8},
-              {"window_length", o->window_length, o->width != 0, 16},
-              {"width", o->width, o->window_length != 0, 4096},
-              {"look_ahead", o->look_ahead, ERN_LIVE_LEAST_LOOK_AHEAD, ERN_LIVE_LOOK_AHEAD},
-              {"capacity", o->capacity, 20, MOST_CAPACITY},
-              {"policy", o->policy, ERN_LIVE_WAIT, ERN_LIVE_REPEAT},
-              {"pad", (int)o->pad, ERN_AUDIO_PAD_EDGE, ERN_AUDIO_PAD_ZERO},
-              {"rate_numerator", o->rate_numerator, 1, MOST_RATE_PART},
-              {"rate_denominator", o->rate_denominator, 1, MOST_RATE_PART}};
-  for (size_t i = 0; i < sizeof rows / sizeof *rows; i++)
-    if (rows[i].value < rows[i].least || rows[i].value > rows[i].most)
-      return ern_fail(context, ERN_E_ARGUMENT, "live: %s is %d, expected %d to %d", rows[i].name, rows[i].value,
-                      rows[i].least, rows[i].most);
+  const ern_status status = ern_live_settings_check(context, o);
+  if (status != ERN_OK) return status;
+  if ((o->window_length == 0) != (o->width == 0))
+    return ern_fail(context, ERN_E_ARGUMENT,
+                    o->width != 0 ? "live: window_length is 0, expected 1 to 16, as width is %d"
+                                  : "live: width is 0, expected 1 to 4096, as window_length is %d",
+                    o->width + o->window_length);
   if (o->rate_numerator < o->rate_denominator || o->rate_numerator > 100 * (int64_t)o->rate_denominator)
     return ern_fail(context, ERN_E_ARGUMENT, "live: %d/%d frames a second, expected 1 to 100", o->rate_numerator,
                     o->rate_denominator);
@@ -79,7 +68,7 @@ static ern_status check_options(ern_context *context, const ern_live_options *o)
   const int64_t frame = (ticks + o->rate_numerator - 1) / o->rate_numerator + between;
   if (o->capacity < frame)
     return ern_fail(context, ERN_E_ARGUMENT, "live: capacity is %d, expected %d to %d, which one frame of %d/%d needs",
-                    o->capacity, (int)frame, MOST_CAPACITY, o->rate_numerator, o->rate_denominator);
+                    o->capacity, (int)frame, ERN_LIVE_MOST_CAPACITY, o->rate_numerator, o->rate_denominator);
   for (int c = 0; o->silence_code != NULL && c < CODE; c++)
     if (!isfinite(o->silence_code[c]))
       return ern_fail(context, ERN_E_NONFINITE, "live: silence_code[%d] is not finite", c);

@@ -1,7 +1,6 @@
 /* SPDX-License-Identifier: MIT
  * The defaults of the option structs. */
 #include "core/sized.h"
-#include "ernerf/live.h"
 #include "ernerf/stream.h"
 
 void ern_provenance_fill(ern_provenance *provenance, size_t bytes) {
@@ -32,18 +31,5 @@ void ern_sound_reader_options_fill(ern_sound_reader_options *options, size_t byt
 void ern_stream_options_fill(ern_stream_options *options, size_t bytes) {
   const ern_stream_options own = {
       .cookie = 0x45525357, .rate_numerator = 25, .rate_denominator = 1, .crf = 18, .pixel_aspect = 1};
-  ern_config_copy_out(options, bytes, &own, sizeof own);
-}
-
-void ern_live_options_fill(ern_live_options *options, size_t bytes) {
-  const ern_live_options own = {.cookie = 0x45524e4c,
-                                .rate = 48000,
-                                .channels = 1,
-                                .look_ahead = ERN_LIVE_LOOK_AHEAD,
-                                .capacity = 50,
-                                .policy = ERN_LIVE_WAIT,
-                                .rate_numerator = 25,
-                                .rate_denominator = 1,
-                                .pad = ERN_AUDIO_PAD_EDGE};
   ern_config_copy_out(options, bytes, &own, sizeof own);
 }
