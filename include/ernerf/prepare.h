@@ -3,7 +3,7 @@
 #ifndef ERNERF_PREPARE_H
 #define ERNERF_PREPARE_H
 
-#include "ernerf/base.h"
+#include "ernerf/setting.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -48,6 +48,10 @@ typedef struct ern_prepare_options {
   /* A network that finds faces and eyes, FILE.onnx: YuNet (docs/prepare.md). NULL: OpenCV's cascades. */
   const char *detector;
 } ern_prepare_options;
+
+/* The members of ern_prepare_options in their order, cookie and size left out (setting.h); NULL from their number on.
+ */
+ERN_API const ern_setting *ern_prepare_setting(size_t index);
 
 /* The defaults. */
 ERN_API void ern_prepare_options_fill(ern_prepare_options *options, size_t bytes);

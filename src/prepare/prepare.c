@@ -17,7 +17,7 @@
 #include "prepare/report.h"
 #include "prepare/segment.h"
 
-enum { OPTIONS_COOKIE = 0x70726570, SETTINGS = 2 * ERN_PREPARE_FINGERPRINT_BYTES + 600 };
+enum { SETTINGS = 2 * ERN_PREPARE_FINGERPRINT_BYTES + 600 };
 
 static const struct step {
   const char *name;
@@ -29,11 +29,6 @@ static const struct step {
                               {"layers", ern_prepare_layers, ern_prepare_layers_check},
                               {"eyes", ern_prepare_eyes, ern_prepare_eyes_check},
                               {"features", ern_prepare_features, ern_prepare_features_check}};
-
-void ern_prepare_options_fill(ern_prepare_options *options, size_t bytes) {
-  const ern_prepare_options own = {.cookie = OPTIONS_COOKIE, .side = 512};
-  ern_config_copy_out(options, bytes, &own, sizeof own);
-}
 
 /* Replaces non-ASCII bytes by '?' where a text is not UTF-8, as JSON needs: a file name need not be. */
 static void keep_text(char *text) {
@@ -154,6 +149,8 @@ fail:
 
 static ern_status check_options(ern_context *context, const ern_prepare_options *o, size_t *only) {
   *only = ERN_PREPARE_STEPS;
+  const ern_status ranges = ern_prepare_settings_check(context, o);
+  if (ranges != ERN_OK) return ranges;
   for (size_t i = 0; i < ERN_PREPARE_STEPS && o->only != NULL; i++)
     if (strcmp(o->only, steps[i].name) == 0) *only = i;
   if (o->only != NULL && *only == ERN_PREPARE_STEPS)
@@ -162,9 +159,7 @@ static ern_status check_options(ern_context *context, const ern_prepare_options 
   double length = 0, longer_than = 0;
   const ern_status status = o->segment != NULL ? ern_segment_read(context, o->segment, &length, &longer_than) : ERN_OK;
   if (status != ERN_OK) return status;
-  if (o->side < 128 || o->side > 1024)
-    return ern_fail(context, ERN_E_ARGUMENT, "prepare: side is %d, expected 128 to 1024 pixels", o->side);
-  if (!(o->from >= 0 && o->from < 1e9) || !(o->to >= 0 && o->to < 1e9) || (o->to > 0 && o->to <= o->from))
+  if (o->to > 0 && o->to <= o->from)
     return ern_fail(context, ERN_E_ARGUMENT,
                     "prepare: from %g to %g, expected seconds of the video, with from less than to", o->from, o->to);
   if (!(o->focal == 0 ||
@@ -282,7 +277,7 @@ ern_status ern_prepare_sized(ern_context *context, const char *video, const char
   ERN_NEED(context, folder);
   ERN_NEED(context, options);
   ERN_NEED(context, result);
-  ern_prepare_options own = {.cookie = OPTIONS_COOKIE, .side = 512};
+  ern_prepare_options own = ern_prepare_options_default();
   ern_prepare_result found = {0};
   struct ern_prepare_job job = {.context = context, .video = video, .folder = folder, .options = &own};
   size_t only = 0;

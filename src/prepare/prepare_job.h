@@ -156,4 +156,7 @@ ERN_NODISCARD ern_status ern_prepare_features_check(struct ern_prepare_job *job)
 #ifdef __cplusplus
 }
 #endif
+/* prepare_settings.c. ERN_E_ARGUMENT where a member is outside of its range. */
+ERN_NODISCARD ern_status ern_prepare_settings_check(ern_context *context, const ern_prepare_options *options);
+
 #endif

@@ -16,6 +16,14 @@ static int cancel(void *user, const char *step, size_t done, size_t total) {
 }
 
 CHECK(ern_prepare_options_fill) { FILLS(ern_prepare_options, ern_prepare_options_fill); }
+CHECK(ern_prepare_setting) {
+  size_t end = offsetof(ern_prepare_options, size) + sizeof(uint32_t), i = 0;
+  for (const ern_setting *s; (s = ern_prepare_setting(i)) != NULL; i++) { /* in the order of the struct */
+    assert_true(s->at >= end && s->at - end < 8);
+    end = s->at + (s->type == ERN_SETTING_BOOL ? 1 : s->type == ERN_SETTING_INT ? 4 : 8);
+  }
+  assert_true(i > 0 && sizeof(ern_prepare_options) - end < 8);
+}
 CHECK(ern_prepare_options_default) {
   const ern_prepare_options options = ern_prepare_options_default();
   assert_true(options.side == 512 && options.focal == 0 && options.from == 0 && options.to == 0);
@@ -44,12 +52,12 @@ CHECK(ern_prepare) {
   WRONG(side, 127, "side is 127");
   WRONG(side, 1025, "side is 1025");
   WRONG(side, -1, "side is -1");
-  WRONG(from, -1, "from -1");
-  WRONG(from, NAN, "from nan");
-  WRONG(from, INFINITY, "from inf");
-  WRONG(to, -0.5, "to -0.5");
-  WRONG(to, NAN, "to nan");
-  WRONG(to, INFINITY, "to inf");
+  WRONG(from, -1, "from is -1");
+  WRONG(from, NAN, "from is nan");
+  WRONG(from, INFINITY, "from is inf");
+  WRONG(to, -0.5, "to is -0.5");
+  WRONG(to, NAN, "to is nan");
+  WRONG(to, INFINITY, "to is inf");
   WRONG(focal, 1, "focal is 1,");
   WRONG(focal, -1, "focal is -1");
   WRONG(focal, NAN, "focal is nan");
@@ -164,10 +172,11 @@ CHECK(ern_landmark_network_find) {
   ern_landmark_network_free(&network);
 }
 
-static const struct arguments_check table[] = {
-    ROW(ern_prepare_options_fill),   ROW(ern_prepare_options_default), ROW(ern_prepare),
-    ROW(ern_prepare_sized),          ROW(ern_landmark_network_open),   ROW(ern_landmark_network_free),
-    ROW(ern_landmark_network_learn), ROW(ern_landmark_network_decide), ROW(ern_landmark_network_find)};
+static const struct arguments_check table[] = {ROW(ern_prepare_options_fill),    ROW(ern_prepare_setting),
+                                               ROW(ern_prepare_options_default), ROW(ern_prepare),
+                                               ROW(ern_prepare_sized),           ROW(ern_landmark_network_open),
+                                               ROW(ern_landmark_network_free),   ROW(ern_landmark_network_learn),
+                                               ROW(ern_landmark_network_decide), ROW(ern_landmark_network_find)};
 enum { CHECKS = sizeof table / sizeof *table };
 
 static void test_every_function_has_a_check(void **state) {
