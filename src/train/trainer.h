@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * A trainer in memory: data, model, its values on a backend, and the folder it writes to. Internal. */
+ * A trainer: what its parts share, and the parts. Internal. */
 #ifndef ERN_TRAIN_TRAINER_H
 #define ERN_TRAIN_TRAINER_H
 
@@ -15,19 +15,19 @@ enum { ERN_SMOOTH_EVERY = 16 /* steps between smoothness terms */ };
 struct ern_trainer {
   struct ern_training shared;
   struct ern_trainer_values values;
-  struct ern_trainer_occupancy occupancy;
-  struct ern_trainer_poses *poses; /* NULL: poses are not refined */
   struct ern_trainer_fine fine;
+  struct ern_trainer_speech speech;
+  struct ern_trainer_poses *poses; /* NULL: poses are not refined */
+  struct ern_trainer_batches batches;
+  struct ern_trainer_parts parts; /* of a step */
+  struct ern_trainer_occupancy occupancy;
   struct ern_trainer_state state;
   struct ern_run_folder torso_run; /* of config.torso_output: only locked */
-
-  struct ern_trainer_speech speech;
-  struct ern_trainer_batches batches;
-  struct ern_trainer_parts parts; /* all NULL where a step is one part */
 };
 
 /* trainer_distributed.c */
 /* Copies the state of rank 0 to all processes, after checking that they have the same settings and data. Waits for
  * all. */
 ERN_NODISCARD ern_status ern_trainer_share_state(ern_trainer *t);
+
 #endif

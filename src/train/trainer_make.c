@@ -399,12 +399,12 @@ ern_status ern_trainer_create_sized(ern_trainer **trainer, ern_backend *backend,
   ERN_TRY(ern_trainer_share_state(t));
   ERN_TRY(ern_trainer_fine_begin(&t->fine));
   ERN_TRY(ern_trainer_batches_make(&t->batches, &t->fine, &t->speech, t->poses));
-  t->occupancy.pruned = t->occupancy.pruned &&
-                        ern_trainer_prune_due(&t->fine); /* a training that is resumed for longer refreshes again */
+  /* a training that is resumed for longer refreshes again */
+  t->occupancy.pruned = t->occupancy.pruned && ern_trainer_prune_due(&t->fine);
   ERN_TRY(check_average(t));
+  /* the caller's texts and head are no longer used, only copies */
   t->shared.config.output = t->state.output;
-  t->shared.config.from = t->shared.config.torso_output =
-      NULL; /* the caller's texts and head are no longer used, only copies */
+  t->shared.config.from = t->shared.config.torso_output = NULL;
   t->shared.config.head = NULL;
   *trainer = t;
   return ERN_OK;

@@ -6,8 +6,8 @@
 
 void ern_trainer_follow_time(struct ern_training *t, uint64_t least) {
   if (!(t->config.seconds > 0) || t->step == 0) return;
-  const double share =
-      ern_trainer_spent(t) / t->config.seconds; /* of the time that is spent, an estimate of step/iters */
+  /* of the time that is spent, an estimate of step/iters */
+  const double share = ern_trainer_spent(t) / t->config.seconds;
   const uint64_t steps = share < 1 ? (uint64_t)((double)t->step / fmax(share, 1e-6)) + 1 : t->step;
   t->config.iters = steps > least ? steps : least;
 }

@@ -39,8 +39,8 @@ static inline size_t ern_trainer_code(const struct ern_training *t, size_t frame
   return t->model->field.config.codes > 0 ? frame : 0;
 }
 
-/* With config.seconds, sets config.iters to the steps that fit into the time at the pace so far; where the
- * time is over, to the steps already made; at least `least`. */
+/* With config.seconds, sets config.iters to the steps that fit into the time at the pace so far; where the time is
+ * over, to the steps already made; at least `least`. */
 void ern_trainer_follow_time(struct ern_training *t, uint64_t least);
 /* Seconds of the training so far, all runs together. */
 static inline double ern_trainer_spent(const struct ern_training *t) { return t->seconds + t->beside; }

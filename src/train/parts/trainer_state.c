@@ -376,8 +376,8 @@ static void close_candidate(ern_context *context, struct candidate *c) {
 }
 
 /* The newest intact state of the folder. Where there is none, its model is NULL and the status is that of a damaged
- * one. tell: warn of damaged ones. */
-static ern_status find_newest(ern_context *context, const struct ern_run_folder *run, bool tell,
+ * one. warn: of damaged ones. */
+static ern_status find_newest(ern_context *context, const struct ern_run_folder *run, bool warn,
                               struct candidate *best) {
   const char *const paths[] = {run->next, run->state, run->previous};
   ern_status damaged = ERN_OK;
@@ -393,7 +393,7 @@ static ern_status find_newest(ern_context *context, const struct ern_run_folder 
     }
     if (opened != ERN_OK) {
       damaged = opened;
-      if (tell) ern_log_error(context, ERN_LOG_WARNING, "");
+      if (warn) ern_log_error(context, ERN_LOG_WARNING, "");
     }
     const bool newer = opened == ERN_OK && (best->model == NULL || c.about.step > best->about.step);
     close_candidate(context, newer ? best : &c);
