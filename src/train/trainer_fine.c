@@ -93,8 +93,12 @@ ern_status ern_trainer_fine_begin(ern_trainer *t, uint64_t found) {
     t->fine_from = found;
   else if (steps == ERN_FINE_ALL)
     t->fine_from = t->step;
+  else if (steps > iters)
+    return ern_fail(t->context, ERN_E_ARGUMENT,
+                    "train: fine_steps is %" PRIu64 ", expected at most iters, the number of all steps, %" PRIu64,
+                    steps, iters);
   else if (steps > 0)
-    t->fine_from = iters > steps ? iters - steps : 0;
+    t->fine_from = iters - steps;
   if (t->fine_from == UINT64_MAX && !timed) return ERN_OK;
   ern_status status = check(t);
   if (status == ERN_OK) status = try_loss(t);
