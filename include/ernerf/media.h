@@ -53,8 +53,10 @@ static inline ern_provenance ern_provenance_default(void) {
 /* Reads a still (PNG, JPEG, OpenEXR, TIFF, BMP, GIF, WebP or PNM, by its content) as 8-bit with 3 or 4 channels: grey
  * is repeated, missing alpha is 255, alpha that was not asked for is dropped (not multiplied in). A picture with an
  * EXIF orientation is turned upright. Colours of an ICC profile of a matrix and curves (Display P3, Adobe RGB, grey)
- * become those of sRGB; a profile of another form is ignored with a warning. Values 0..1 of OpenEXR become 0..255
- * without a transfer curve. On success the caller owns image->data (ern_image_free). A file whose header has a side
+ * become those of sRGB; a profile of another form is ignored with a warning, and so are primaries or a gamma that a PNG
+ * states without a profile (cICP, cHRM, gAMA), as libpng and Pillow ignore them. Values 0..1 of OpenEXR become 0..255
+ * without a transfer curve. The colours of a WebP with alpha are right to 1/255 once they are composited; where alpha
+ * is 0 they are black. On success the caller owns image->data (ern_image_free). A file whose header has a side
  * above ERN_IMAGE_MAX_SIDE, or a size that the file is too short for, is refused before memory is taken. */
 ERN_API ERN_NODISCARD ern_status ern_image_read(ern_context *context, const char *path, int channels, ern_image *image);
 /* Width and height, upright, from the header alone. */

@@ -215,11 +215,11 @@ typedef struct ern_train_config {
   int frames_per_step;      /* number of frames that share the rays of a step, each with its own speech,
                                1..ERN_FRAMES_PER_STEP_MOST, at most `rays`; default 1, as published. Their gradients are
                                summed */
-  uint64_t fine_steps;      /* of a head: this number of steps at the end of `iters` are the fine stage, whose rays are
-                               square patches with a loss of their own (docs/maths.md), and those before are the coarse
-                               steps; 0 (default): none; ERN_FINE_ALL: all steps from the one on at which the training
-                               starts or goes on. A fine stage that is resumed goes on in any case. With `seconds` it
-                               must be 0 (ERN_E_ARGUMENT) */
+  uint64_t fine_steps;      /* of a head: this number of steps at the end of `iters`, and at most `iters`, are the fine
+                               stage, whose rays are square patches with a loss of their own (docs/maths.md), and those
+                               before are the coarse steps; 0 (default): none; ERN_FINE_ALL: all steps from the one on
+                               at which the training starts or goes on. A fine stage that is resumed goes on in any
+                               case. With `seconds` it must be 0 (ERN_E_ARGUMENT) */
   double fine_share;        /* of a head, with `seconds`: this share of the time, at its end, is the fine stage, 0..1; 0
                                (default): none. Ignored without `seconds` */
   int patch_size;           /* side of a patch, pixels: 16, 32, 48 or 64; default 32. A step of the fine stage has

@@ -39,6 +39,10 @@ ERN_NODISCARD ern_status ern_image_check_head(ern_context *context, const char *
  * OpenImageIO, prints and leaks memory on such files, so this check comes first. */
 ERN_NODISCARD ern_status ern_image_check_png_whole(ern_context *context, const char *path, bool pixels);
 
+/* "cICP" or "cHRM": the chunk in which a PNG says that its colours are not those of sRGB or of a television; NULL: none
+ * does, or the file is no PNG. An sRGB chunk overrules cHRM. */
+const char *ern_image_png_other_colours(const char *path);
+
 /* Whether a TIFF says that its colours are multiplied by alpha. One that says nothing of its fourth channel, as OpenCV
  * writes, holds colours as they are. */
 bool ern_image_tiff_is_multiplied(const char *path);

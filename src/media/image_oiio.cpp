@@ -172,8 +172,13 @@ ern_status become_srgb(ern_context *context, const char *path, const OIIO::Image
   if (profile != nullptr)
     return ern_colour_profile_apply(context, path, static_cast<const uint8_t *>(profile->data()),
                                     static_cast<size_t>(profile->datasize()), image);
+  const bool png = std::strcmp(input.format_name(), "png") == 0;
+  const char *chunk = png ? ern_image_png_other_colours(path) : nullptr;
   const double gamma = static_cast<double>(spec.get_float_attribute("oiio:Gamma", 2.2F)); /* of a PNG that states one */
-  if (gamma < 2 || gamma > 2.4)
+  if (chunk != nullptr)
+    ern_log(context, ERN_LOG_WARNING,
+            "%s: says in its chunk %s that its colours are not those of sRGB; they are taken as sRGB", path, chunk);
+  else if (gamma < 1.9 || gamma > 2.4) /* 1.96: a frame of a BT.709 video, as FFmpeg writes it */
     ern_log(context, ERN_LOG_WARNING,
             "%s: says that its colours have a gamma of %.3g; they are taken as sRGB, about 2.2", path, gamma);
   if (spec.get_int_attribute("Exif:ColorSpace", 1) == 65535)

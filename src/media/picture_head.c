@@ -1,6 +1,8 @@
 /* SPDX-License-Identifier: MIT
  * What of a picture file is checked before an image library reads it. The header: the sides, and whether a file of this
- * size can hold so many pixels. Of a PNG: whether all of its chunks are there, as their checksums say. */
+ * size can hold so many pixels. Of a PNG: whether all of its chunks are there, as their checksums say, and whether its
+ * colours are those of sRGB. */
+#include <libavutil/crc.h>
 #include <stdio.h>
 #include <string.h>
 #include <sys/stat.h>
@@ -244,44 +246,15 @@ bool ern_image_tiff_is_multiplied(const char *path) {
 
 /* ---- the chunks of a PNG ----------------------------------------------------------------------------------------- */
 
-/* The tables of a checksum (CRC-32 of the PNG specification, annex D) that takes four bytes a step: table[k][b] is the
- * remainder of byte b with k bytes of 0 after it. */
-struct crc {
-  uint32_t table[4][256];
-};
-
-static void crc_make(struct crc *crc) {
-  for (uint32_t b = 0; b < 256; b++) {
-    uint32_t rest = b;
-    for (int bit = 0; bit < 8; bit++) rest = rest >> 1 ^ (rest & 1 ? 0xedb88320U : 0);
-    crc->table[0][b] = rest;
-  }
-  for (size_t k = 1; k < 4; k++)
-    for (size_t b = 0; b < 256; b++) {
-      const uint32_t rest = crc->table[k - 1][b];
-      crc->table[k][b] = rest >> 8 ^ crc->table[0][rest & 255];
-    }
-}
-
-static uint32_t crc_add(const struct crc *crc, uint32_t sum, const uint8_t *bytes, size_t count) {
-  for (; count >= 4; count -= 4, bytes += 4) {
-    sum ^= bytes[0] | (uint32_t)bytes[1] << 8 | (uint32_t)bytes[2] << 16 | (uint32_t)bytes[3] << 24;
-    sum = crc->table[3][sum & 255] ^ crc->table[2][sum >> 8 & 255] ^ crc->table[1][sum >> 16 & 255] ^
-          crc->table[0][sum >> 24];
-  }
-  for (; count > 0; count--, bytes++) sum = sum >> 8 ^ crc->table[0][(sum ^ *bytes) & 255];
-  return sum;
-}
-
 /* Reads `length` bytes and the checksum after them; *sum: of `name` and these bytes. False: the file ends before. */
-static bool read_chunk(const struct crc *crc, FILE *file, const uint8_t name[4], uint32_t length, uint32_t *sum,
-                       uint32_t *stated) {
+static bool read_chunk(FILE *file, const uint8_t name[4], uint32_t length, uint32_t *sum, uint32_t *stated) {
+  const AVCRC *table = av_crc_get_table(AV_CRC_32_IEEE_LE);
   uint8_t bytes[16384];
-  *sum = crc_add(crc, 0xffffffffU, name, 4);
+  *sum = av_crc(table, UINT32_MAX, name, 4);
   for (size_t left = length; left > 0;) {
     const size_t part = left < sizeof bytes ? left : sizeof bytes;
     if (fread(bytes, 1, part, file) != part) return false;
-    *sum = crc_add(crc, *sum, bytes, part);
+    *sum = av_crc(table, *sum, bytes, part);
     left -= part;
   }
   *sum = ~*sum;
@@ -298,13 +271,11 @@ static bool skip_chunk(FILE *file, uint32_t length) {
 ern_status ern_image_check_png_whole(ern_context *context, const char *path, bool pixels) {
   static const uint8_t signature[8] = {0x89, 'P', 'N', 'G', '\r', '\n', 0x1a, '\n'};
   ern_status status = ERN_OK;
-  struct crc crc;
   uint8_t head[8];
   uint64_t at = sizeof signature;
   FILE *file = fopen(path, "rb");
   if (file == NULL) return ern_fail(context, ERN_E_IO, "%s: cannot open", path);
   if (fread(head, 1, sizeof head, file) != sizeof head || memcmp(head, signature, sizeof head) != 0) goto fail;
-  crc_make(&crc);
   /* a chunk: length (4 bytes, big end first), name (4), that many bytes, checksum (4) */
   for (bool ended = false; !ended;) {
     const uint8_t *name = head + 4;
@@ -315,7 +286,7 @@ ern_status ern_image_check_png_whole(ern_context *context, const char *path, boo
     /* a small letter: a decoder leaves the chunk out where it is damaged */
     const bool summed = headed && (name[0] & 0x20) == 0 && (pixels || memcmp(name, "IDAT", 4) != 0);
     if (!headed || length > INT32_MAX ||
-        !(summed ? read_chunk(&crc, file, name, length, &sum, &stated) : skip_chunk(file, length)))
+        !(summed ? read_chunk(file, name, length, &sum, &stated) : skip_chunk(file, length)))
       ERN_TRY(ern_fail(context, ERN_E_FORMAT, "%s: PNG is cut short: the chunk at byte %llu is not whole", path,
                        (unsigned long long)at));
     if (sum != stated)
@@ -327,4 +298,43 @@ ern_status ern_image_check_png_whole(ern_context *context, const char *path, boo
 fail:
   fclose(file);
   return status;
+}
+
+/* cICP: codes of primaries and of the curve (ITU-T H.273): not said, sRGB's, and those of televisions, which are taken
+ * as sRGB's as those of a video are. */
+static bool is_television(const uint8_t *code) {
+  return (code[0] <= 2 || (code[0] >= 5 && code[0] <= 7)) && (code[1] <= 2 || code[1] == 6 || code[1] >= 13) &&
+         code[1] <= 15;
+}
+
+/* cHRM: x and y of white, red, green and blue, in 1/100000. A primary of BT.601 is within 0.01 of sRGB's. */
+static bool has_primaries_of_srgb(const uint8_t chromaticities[32]) {
+  static const uint32_t own[8] = {31270, 32900, 64000, 33000, 30000, 60000, 15000, 6000};
+  for (size_t i = 0; i < 8; i++) {
+    const uint32_t value = big_endian(chromaticities + 4 * i, 4);
+    if (value + 1500 < own[i] || value > own[i] + 1500) return false;
+  }
+  return true;
+}
+
+const char *ern_image_png_other_colours(const char *path) {
+  uint8_t head[8], data[32];
+  bool srgb = false, chromaticities = false;
+  const char *other = NULL;
+  FILE *file = fopen(path, "rb");
+  if (file == NULL) return NULL;
+  /* the chunks of colours come before those of pixels */
+  for (long at = 8; fseek(file, at, SEEK_SET) == 0 && fread(head, 1, sizeof head, file) == sizeof head &&
+                    memcmp(head + 4, "IDAT", 4) != 0 && other == NULL;
+       at += 12 + (long)big_endian(head, 4)) {
+    const uint32_t length = big_endian(head, 4);
+    if (length > INT32_MAX) break;
+    if (memcmp(head + 4, "sRGB", 4) == 0) srgb = true;
+    if (length == 4 && memcmp(head + 4, "cICP", 4) == 0 && fread(data, 1, 4, file) == 4 && !is_television(data))
+      other = "cICP";
+    if (length == 32 && memcmp(head + 4, "cHRM", 4) == 0 && fread(data, 1, 32, file) == 32)
+      chromaticities = !has_primaries_of_srgb(data);
+  }
+  fclose(file);
+  return other != NULL ? other : chromaticities && !srgb ? "cHRM" : NULL;
 }

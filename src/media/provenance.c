@@ -3,6 +3,7 @@
  * of GB 45438-2025. */
 #include "media/provenance.h"
 
+#include <libavutil/crc.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -154,16 +155,6 @@ static uint8_t *put_be32(uint8_t *to, size_t value) {
   return to;
 }
 
-/* CRC-32 of PNG (ISO 15948, annex D). */
-static uint32_t crc(const uint8_t *bytes, size_t count) {
-  uint32_t value = 0xffffffffu;
-  for (size_t i = 0; i < count; i++) {
-    value ^= bytes[i];
-    for (int bit = 0; bit < 8; bit++) value = value & 1 ? 0xedb88320u ^ value >> 1 : value >> 1;
-  }
-  return value ^ 0xffffffffu;
-}
-
 /* Inserts an iTXt chunk after IHDR, the first chunk of a PNG, or an APP1 segment after SOI of a JPEG. */
 ern_status ern_provenance_insert(ern_context *context, const char *xmp, const uint8_t *bytes, size_t count,
                                  uint8_t **with, size_t *grown) {
@@ -180,7 +171,8 @@ ern_status ern_provenance_insert(ern_context *context, const char *xmp, const ui
     to = put_be32(to, head - 4 + text);
     memcpy(to, png_head, head);
     memcpy(to + head, xmp, text);
-    to = put_be32(to + head + text, crc(to, head + text));
+    const uint32_t sum = av_crc(av_crc_get_table(AV_CRC_32_IEEE_LE), UINT32_MAX, to, head + text) ^ UINT32_MAX;
+    to = put_be32(to + head + text, sum);
   } else { /* FF E1, length with its own two bytes, the namespace and its 0, text */
     *to++ = 0xff;
     *to++ = 0xe1;

@@ -170,6 +170,11 @@ static void test_refused(void **state) {
   cli_expect(&cli, 2, "--set hold-pose changes pose or eyes, which are as recorded with --video", NULL);
   cli_run(&cli, LIVE "--torso model");
   cli_expect(&cli, 2, "--torso is about the torso, which is as recorded with --video", NULL);
+  static const char *const uncompressed[] = {"no.y4m", "no.rgba", "tcp://127.0.0.1:1", "no.mp4 --format nut"};
+  for (size_t i = 0; i < sizeof uncompressed / sizeof uncompressed[0]; i++) {
+    cli_run(&cli, "live h.safetensors --clip clip --duration 1 --crf 3 -o %s", uncompressed[i]);
+    cli_expect(&cli, 2, "--crf is for a compressed stream", NULL);
+  }
   cli_run(&cli, LIVE "--size 48x48");
   cli_expect(&cli, 1, "--size is 48x48, expected 132x96, that of clip.mp4", NULL);
   cli_run(&cli, "live h.safetensors --clip clip --video clip.mp4 --duration 1 -o clip.mp4 -y");

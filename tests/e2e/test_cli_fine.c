@@ -104,6 +104,8 @@ static void test_refused(void **state) {
   cli_expect(&cli, 2, "--set fine-steps", NULL);
   cli_run(&cli, "train clip -o p.safetensors --set fine-steps=3 --patch-size 24");
   cli_expect(&cli, 1, "patch_size is 24, expected 16, 32, 48 or 64", NULL);
+  cli_run(&cli, "train clip -o p.safetensors --iters 5 --set fine-steps=6");
+  cli_expect(&cli, 1, "fine_steps is 6", "iters", "5", NULL);
   assert_true(access("p.safetensors", F_OK) != 0);
   cli_run(&cli, "train clip -o n.safetensors --resume --stage coarse --iters 20");
   cli_expect(&cli, 1, "--stage coarse", "since step 10", NULL);

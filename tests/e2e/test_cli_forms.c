@@ -199,6 +199,8 @@ static void test_refused(void **state) {
               {2, "-o x.gif --crf 3", "--crf is not for a .gif"},
               {2, "-o x.gif --wav w.wav", "--wav"},
               {2, "-o x.mp4 --format y4m", "--format is what -o - writes"},
+              {2, "-o - --format nut --crf 3", "--crf is for a compressed video"},
+              {2, "-o x.mkv --codec ffv1 --crf 3", "--crf is for other codecs than ffv1"},
               {2, "-o - --format y4m --set preset=slow", "--set preset is for a video that is written to a file"},
               {2, "-o - --format mp4 --crf 60", "--crf is 60, expected 0 to 51"},
               {2, "-o - --format mp4 --json", "both take standard output"},

@@ -82,9 +82,24 @@ static void test_torso_as_its_head(void **state) {
   cli_expect_out(&cli, 0, "scale 3, dt_gamma 0.01, 24 samples a ray, torso_shrink 0.5, audio-pad zero\n", NULL);
 }
 
+/* A setting that changes nothing beside the others is not taken in silence, and the greatest rate is one. */
+static void test_settings_without_effect(void **state) {
+  (void)state;
+#define SHORT "--iters 1 --rays 64 --validate-frames 1 -y "
+  cli_run(&cli, "train clip -o u.safetensors " SHORT "--dt-gamma 0.5 --lr-net 1000");
+  cli_expect(&cli, 0, "dt-gamma=0.5 changes nothing in this training, with 16 samples a ray", NULL);
+  cli_run(&cli, "train clip -o u.safetensors " SHORT "--dt-gamma 0.5 --max-steps 129");
+  cli_expect(&cli, 0, NULL);
+  assert_null(strstr(cli.err, "changes nothing"));
+  cli_run(&cli, "train clip -o u.safetensors " SHORT "--lr 0.5 --set backbone=mlp --set step-parts=3");
+  cli_expect(&cli, 1, "lr=0.5 is about hash grids", "mlp", "step_parts is 3", NULL); /* trains for seconds otherwise */
+  cli_run(&cli, "train clip -o t.safetensors --torso --head m.safetensors --set lr-att=0.1");
+  cli_expect(&cli, 2, "lr-att is about the head", NULL);
+}
+
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_seen_as_trained),
-                                     cmocka_unit_test(test_resumed_as_begun_long),
-                                     cmocka_unit_test(test_torso_as_its_head)};
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test(test_settings_without_effect), cmocka_unit_test(test_seen_as_trained),
+      cmocka_unit_test(test_resumed_as_begun_long), cmocka_unit_test(test_torso_as_its_head)};
   return cmocka_run_group_tests(tests, train_head, NULL);
 }

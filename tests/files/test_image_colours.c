@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
- * Pictures with an ICC profile: their colours become those of sRGB. TIFFs whose colours are multiplied by alpha, or
- * not. */
+ * Pictures with an ICC profile: their colours become those of sRGB. PNGs that state other colours without a profile.
+ * TIFFs whose colours are multiplied by alpha, or not. */
+#include <libavutil/crc.h>
 #include <stdbool.h>
 
 #include "core/memory.h"
@@ -114,6 +115,98 @@ static void test_profile_of_webp(void **state) {
   ern_release(context, jpeg);
 }
 
+/* A chunk of a PNG; words: those of 4 bytes of its data, big end first. */
+struct chunk {
+  const char *name;
+  size_t bytes;
+  uint32_t words[8];
+};
+
+static uint8_t *put_word(uint8_t *to, uint32_t word) {
+  for (int shift = 24; shift >= 0; shift -= 8) *to++ = (uint8_t)(word >> shift);
+  return to;
+}
+
+/* Writes `to`: the PNG `from` with these chunks after its header, up to one without a name. */
+static void add_chunks(const char *from, const char *to, const struct chunk *chunks) {
+  enum { HEAD = 33 };
+  uint8_t *bytes = NULL, more[256], *at = more;
+  size_t count = 0;
+  support_ok(context, ern_file_read(context, from, 1 << 20, &bytes, &count));
+  for (; chunks->name != NULL; chunks++) {
+    uint8_t *start = put_word(at, (uint32_t)chunks->bytes);
+    memcpy(start, chunks->name, 4);
+    at = start + 4;
+    for (size_t i = 0; i < (chunks->bytes + 3) / 4; i++) (void)put_word(at + 4 * i, chunks->words[i]);
+    at += chunks->bytes;
+    const size_t summed = (size_t)(at - start);
+    at = put_word(at, av_crc(av_crc_get_table(AV_CRC_32_IEEE_LE), UINT32_MAX, start, summed) ^ UINT32_MAX);
+  }
+  FILE *file = fopen(to, "wb");
+  assert_non_null(file);
+  fwrite(bytes, 1, HEAD, file);
+  fwrite(more, 1, (size_t)(at - more), file);
+  fwrite(bytes + HEAD, 1, count - HEAD, file);
+  assert_int_equal(fclose(file), 0);
+  ern_release(context, bytes);
+}
+
+#define SRGB         \
+  {                  \
+    "sRGB", 1, { 0 } \
+  }
+#define P3                                                                \
+  {                                                                       \
+    "cHRM", 32, { 31270, 32900, 68000, 32000, 26500, 69000, 15000, 6000 } \
+  }
+#define GAMMA(value)     \
+  {                      \
+    "gAMA", 4, { value } \
+  }
+
+/* A PNG that states primaries or a gamma other than sRGB's is read as it is, with a warning that names what it states;
+ * one that states those of sRGB, or of a television, is silent. */
+static void test_stated_colours_of_png(void **state) {
+  (void)state;
+  static const struct {
+    struct chunk chunks[3];
+    const char *warning;
+  } cases[] = {{{P3}, "cHRM"},
+               {{SRGB, P3}, NULL},
+               {{P3, SRGB}, NULL},
+               {{P3, GAMMA(45455)}, "cHRM"},
+               {{{"cHRM", 32, {31270, 32900, 64000, 33000, 30000, 60000, 15000, 6000}}, GAMMA(45455)}, NULL},
+               {{{"cHRM", 32, {31270, 32900, 63000, 34000, 31000, 59500, 15500, 7000}}}, NULL},   /* BT.601 */
+               {{{"cHRM", 32, {31270, 32900, 64000, 33000, 21000, 71000, 15000, 6000}}}, "cHRM"}, /* Adobe RGB */
+               {{{"cICP", 4, {0x010d0001}}}, NULL},
+               {{{"cICP", 4, {0x01010001}}}, NULL},
+               {{SRGB, {"cICP", 4, {0x0c0d0001}}}, "cICP"}, /* Display P3 */
+               {{{"cICP", 4, {0x09100001}}}, "cICP"},       /* HDR: BT.2020, PQ */
+               {{{"cICP", 4, {0x01080001}}}, "cICP"},       /* linear */
+               {{GAMMA(50994)}, NULL},                      /* of BT.709, as FFmpeg writes it */
+               {{GAMMA(55556)}, "gamma of 1.8"},
+               {{GAMMA(100000)}, "gamma of 1;"}};
+  static const uint8_t pixels[3] = {200, 100, 50};
+  const ern_image made = {.width = 1, .height = 1, .channels = 3, .data = (uint8_t *)(uintptr_t)pixels};
+  support_ok(context, ern_image_write(context, "plain.png", &made, 100));
+  for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+    char said[SUPPORT_LINES] = "";
+    ern_image read = {0};
+    ern_context *own = NULL;
+    add_chunks("plain.png", "stated.png", cases[i].chunks);
+    ern_context_config config = ern_context_config_default();
+    config.log = support_keep_warnings;
+    config.user = said;
+    assert_int_equal(ern_context_create(&own, &config), ERN_OK);
+    support_ok(own, ern_image_read(own, "stated.png", 3, &read));
+    assert_memory_equal(read.data, pixels, 3);
+    ern_image_free(own, &read);
+    ern_context_free(&own);
+    if (cases[i].warning == NULL ? said[0] != 0 : strstr(said, cases[i].warning) == NULL || strchr(said, '\n')[1] != 0)
+      fail_msg("case %zu: expected a warning of %s, found: %s", i, cases[i].warning, said);
+  }
+}
+
 /* A pixel of a TIFF, R G B A. extra: its tag ExtraSamples: 0 not said, 1 multiplied by alpha, 2 not; -1: no tag. */
 static void write_tiff(const char *path, const uint8_t rgba[4], int extra) {
   enum { TAGS = 10, BITS = 8 + 2 + 12 * TAGS + 4, PIXEL = BITS + 8 };
@@ -150,6 +243,7 @@ static void test_alpha_of_tiff(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_colour_profile), cmocka_unit_test(test_profile_of_webp),
+                                     cmocka_unit_test(test_stated_colours_of_png),
                                      cmocka_unit_test(test_alpha_of_tiff)};
   return cmocka_run_group_tests(tests, set_up, tear_down);
 }

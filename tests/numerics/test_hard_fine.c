@@ -247,6 +247,7 @@ static void test_refused_fine_stage(void **state) {
   config = fine_config(9, ERN_FINE_ALL);
   config.seconds = 5;
   refuse(config, "fine_steps is");
+  refuse(fine_config(9, 10), "fine_steps is 10, expected at most iters, the number of all steps, 9");
   config = fine_config(9, 3);
   config.fine_weight = NAN;
   refuse(config, "fine_weight is");

@@ -98,8 +98,12 @@ ern_status ern_trainer_fine_begin(struct ern_trainer_fine *f) {
     f->from = found;
   else if (steps == ERN_FINE_ALL)
     f->from = t->step;
+  else if (steps > iters)
+    return ern_fail(t->context, ERN_E_ARGUMENT,
+                    "train: fine_steps is %" PRIu64 ", expected at most iters, the number of all steps, %" PRIu64,
+                    steps, iters);
   else if (steps > 0)
-    f->from = iters > steps ? iters - steps : 0;
+    f->from = iters - steps;
   if (f->from == UINT64_MAX && !timed) return ERN_OK;
   ern_status status = check(t);
   if (status == ERN_OK) status = try_loss(t);

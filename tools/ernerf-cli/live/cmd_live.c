@@ -113,6 +113,17 @@ static const char *file_of(const char *url) {
   return stat(path, &there) != 0 || S_ISREG(there.st_mode) || S_ISDIR(there.st_mode) ? path : NULL;
 }
 
+/* Of a format that is not compressed, by its name or else that of the output (docs/live.md). */
+static bool is_uncompressed(const struct live_output *output) {
+  static const char *const formats[] = {"y4m", "nut", "raw"}, *const endings[] = {".y4m", ".nut", ".rgba"};
+  const char *dot = strrchr(output->url, '.');
+  bool is = output->format == NULL && strncmp(output->url, "tcp://", 6) == 0;
+  if (output->format == NULL && !is && strstr(output->url, "://") != NULL) return false;
+  for (size_t i = 0; i < sizeof formats / sizeof *formats && !is; i++)
+    is = output->format != NULL ? strcmp(output->format, formats[i]) == 0 : dot != NULL && strcmp(dot, endings[i]) == 0;
+  return is;
+}
+
 /* Checks the options. The policy for a slow reader is an option whose default depends on --as-fast. */
 static int check_usage(struct live_job *job, const struct args *args) {
   int status = -1;
@@ -129,6 +140,8 @@ static int check_usage(struct live_job *job, const struct args *args) {
   if (status < 0) status = check_unlisted(args);
   if (status < 0) status = check_video(job, args);
   if (status < 0 && job->commands.path == NULL) status = args_forbid(args, "voice", "is about --control");
+  if (status < 0 && is_uncompressed(&job->output))
+    status = args_forbid(args, "crf preset", "is for a compressed stream, which y4m, nut and raw are not");
   if (status < 0 && rate_value(job->rate) > 100) status = args_refuse(args, "--fps is above 100, expected 1 to 100");
   if (status < 0 && job->unpaced && rate_control_asked(&job->rate_control))
     status = args_refuse(args, "--as-fast has no frame rate to reach, so --hold-fps and --quality are not for it");

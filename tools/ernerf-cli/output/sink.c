@@ -16,6 +16,7 @@ static const char *const codecs[] = {"h264", "hevc", "vp9", "av1", "ffv1"};
 static const char *const presets[] = {"ultrafast", "superfast", "veryfast", "faster",   "fast",
                                       "medium",    "slow",      "slower",   "veryslow", "placebo"};
 static const char *const formats[] = {"raw", "y4m", "nut", "mpegts", "flv", "mp4", "matroska"};
+enum { COMPRESSED = 3 /* the first of the formats that are */ };
 
 void sink_options(struct sink *sink, struct option options[SINK_OPTIONS]) {
   const struct option rows[] = {
@@ -90,6 +91,10 @@ bool sink_has_sound(const struct sink *sink) {
 static int check_coding(const struct sink *sink, const struct args *args) {
   int status = -1;
   if (sink->kind != SINK_STREAM && sink->kind != SINK_VIDEO) status = args_forbid(args, "crf", "is for a video");
+  if (status < 0 && sink->kind == SINK_STREAM && sink->format < COMPRESSED)
+    status = args_forbid(args, "crf", "is for a compressed video, which y4m and nut are not");
+  if (status < 0 && sink->kind == SINK_VIDEO && sink->codec >= 0 && strcmp(codecs[sink->codec], "ffv1") == 0)
+    status = args_forbid(args, "crf", "is for other codecs than ffv1, which is lossless");
   if (status < 0 && sink->kind != SINK_VIDEO)
     status = args_forbid(args, "preset codec", "is for a video that is written to a file");
   if (status < 0 && is_gif(sink)) status = args_forbid(args, "crf preset codec", "is not for a .gif, which has none");

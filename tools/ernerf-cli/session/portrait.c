@@ -10,7 +10,7 @@
 
 #include "ernerf/speech.h"
 
-enum { SPEECH_FRAMES = 6, AUDIO_WINDOWS = 8, EVEN_STEPS = 128 /* up to so many a ray, all steps have one length */ };
+enum { SPEECH_FRAMES = 6, AUDIO_WINDOWS = 8 };
 
 /* Costs less than 0.01 dB on every measured clip, and saves a sixth of the samples (docs/results.md). */
 static const float TRANSMITTANCE_STOP = 3e-3f;
@@ -70,7 +70,7 @@ static void take_view(struct portrait *portrait, struct session *session, const 
   if (!gamma) render->dt_gamma = info->dt_gamma;
   if (!steps) render->max_steps = info->max_steps;
   if (!pad) portrait->audio_pad = (int)info->audio_pad;
-  const bool spaced = render->max_steps > EVEN_STEPS;
+  const bool spaced = render->max_steps > SESSION_EVEN_STEPS;
   const struct {
     const char *name;
     double trained, asked;
@@ -92,7 +92,7 @@ static void take_view(struct portrait *portrait, struct session *session, const 
                  (int)trained.count, (const char *)trained.data, (int)asked.count, (const char *)asked.data);
   if (!spaced && render->dt_gamma != info->dt_gamma)
     session_warn(session, "--dt-gamma %g changes nothing with %d samples a ray, expected --max-steps above %d",
-                 (double)render->dt_gamma, render->max_steps, EVEN_STEPS);
+                 (double)render->dt_gamma, render->max_steps, SESSION_EVEN_STEPS);
   bytes_free(&trained);
   bytes_free(&asked);
 }

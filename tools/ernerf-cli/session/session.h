@@ -58,6 +58,9 @@ void session_compute_options(struct session *session, struct option options[SESS
 /* --seed, for verbs that use random numbers. */
 void session_seed_options(struct session *session, struct option options[SESSION_SEED_OPTIONS]);
 
+/* Up to so many samples a ray, all steps along it have one length (docs/maths.md, Rays and samples). */
+enum { SESSION_EVEN_STEPS = 128 };
+
 /* Creates the context, and installs handlers for Ctrl-C, for the file size limit and for a closed pipe. Returns -1 to
  * continue, else the exit status. */
 int session_open(struct session *session, const struct args *args);

@@ -17,7 +17,7 @@
 
 enum { PREVIEW_SECONDS = 180 };
 
-enum { VALIDATE_MOST = 1000, VALIDATE_LEAST = 50 };
+enum { VALIDATE_MOST = 1000, VALIDATE_LEAST = 50, TRAIN_MOST_RATE = 1000 /* of the settings lr, lr_net, lr_att */ };
 
 static bool asks_auto(const struct train_job *job) { return strcmp(job->effects_list, "auto") == 0; }
 
@@ -188,11 +188,24 @@ static void fill_config(struct train_job *job, const struct args *args) {
   }
   choose_parts(job);
   if (setting_given(&job->chosen, "lr_net") && !setting_given(&job->chosen, "lr_att"))
-    config->lr_att = 5 * config->lr_net;
+    config->lr_att = fminf(5 * config->lr_net, TRAIN_MOST_RATE);
   if (args_given(args, "data-range")) {
     config->data_begin = (size_t)job->data.begin;
     config->data_end = job->data.open_end ? job->clip_info.frames[ERN_SPLIT_TRAIN] : (size_t)job->data.end;
   }
+}
+
+/* Settings that were given and change nothing beside the others. */
+static void warn_of_unused(struct train_job *job) {
+  const ern_train_config *config = &job->config;
+  if (setting_given(&job->chosen, "dt_gamma") && config->max_steps <= SESSION_EVEN_STEPS)
+    session_warn(&job->session,
+                 "--set dt-gamma=%g changes nothing in this training, with %d samples a ray, expected --set max-steps "
+                 "above %d; the model keeps it",
+                 (double)config->dt_gamma, config->max_steps, SESSION_EVEN_STEPS);
+  if (setting_given(&job->chosen, "lr") && !config->torso && config->backbone == ERN_BACKBONE_MLP)
+    session_warn(&job->session, "--set lr=%g is about hash grids, which the backbone mlp has none of",
+                 (double)config->lr);
 }
 
 static int open_clip(struct train_job *job, const struct args *args) {
@@ -303,6 +316,7 @@ static int open_all(struct train_job *job, const struct args *args) {
   if (status == 0) status = open_clip(job, args);
   if (status != 0) return status;
   fill_config(job, args);
+  warn_of_unused(job);
   if (job->has_state && !job->config.torso)
     status = fine_stage_check_resumed(args, &job->chosen, session, &job->state, &job->fine);
   if (status == 0) status = fine_stage_open(&job->fine, session, &job->config);
