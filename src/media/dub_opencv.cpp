@@ -14,18 +14,19 @@ extern "C" {
 
 namespace {
 
-constexpr float least_face = 16;             /* pixels */
-constexpr float mouth_growth = 1.45F;        /* so that no recorded lips or teeth are beside the rendered ones */
-constexpr float inside_jaw = 0.04F;          /* the recorded jaw stays: its edge is that of the recorded neck */
-constexpr float round_nose = 0.05F;          /* what is so near to it stays as recorded */
-constexpr float feather = 0.03F;             /* standard deviation of the mask's edge */
-constexpr float edge_feather = 0.012F;       /* standard deviation of the mask's edge where a head's ends it */
-constexpr float margin = 0.08F;              /* of the box, round the lower face: the mask's edge ends within it */
-constexpr float match_deviation = 0.15F;     /* of the low-pass that colours are matched in */
-constexpr float match_most = 15;             /* grey levels */
-constexpr float sure_opacity = 0.95F;        /* of the rendered head: its edge carries a light rim */
-constexpr float certain_depth = 0.02F;       /* colours are taken so far from where it is less */
-constexpr float least_cover = 0.5F;          /* of the mask, by the rendered head */
+constexpr float least_face = 16;         /* pixels */
+constexpr float mouth_growth = 1.45F;    /* so that no recorded lips or teeth are beside the rendered ones */
+constexpr float inside_jaw = 0.04F;      /* the recorded jaw stays: its edge is that of the recorded neck */
+constexpr float round_nose = 0.05F;      /* what is so near to it stays as recorded */
+constexpr float feather = 0.03F;         /* standard deviation of the mask's edge */
+constexpr float edge_feather = 0.012F;   /* standard deviation of the mask's edge where the recorded head's ends it */
+constexpr float outline_feather = 0.05F; /* where the rendered head's does: its chin may lie within the recorded one */
+constexpr float margin = 0.08F;          /* of the box, round the lower face: the mask's edge ends within it */
+constexpr float match_deviation = 0.15F; /* of the low-pass that colours are matched in */
+constexpr float match_most = 15;         /* grey levels */
+constexpr float sure_opacity = 0.95F;    /* of the rendered head: its edge carries a light rim */
+constexpr float certain_depth = 0.02F;   /* colours are taken so far from where it is less */
+constexpr float least_cover = 0.5F;      /* of the mask, by the rendered head */
 constexpr int ring_low = 8, ring_high = 153; /* of 255: where the mask is an edge */
 
 enum {
@@ -231,7 +232,7 @@ void end_at_head(cv::Mat &mask, const cv::Mat &certain, const face &f) {
   cv::findContours(certain >= 128, outlines, cv::RETR_EXTERNAL, cv::CHAIN_APPROX_NONE);
   cv::drawContours(within, outlines, -1, cv::Scalar(255), cv::FILLED);
   const cv::Mat mouth = low_pass(mouth_of(f), feather * f.width);
-  cv::min(mask, cv::max(softened_inward(within, edge_feather * f.width), mouth), mask);
+  cv::min(mask, cv::max(softened_inward(within, outline_feather * f.width), mouth), mask);
 }
 
 /* What a dubbed frame is made of, in the pixels of the box. */

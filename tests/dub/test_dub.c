@@ -99,6 +99,25 @@ static void test_outline(void **state) {
   assert_true(difference((size_t)hole_y * WIDTH + (size_t)hole_x) > 40);
 }
 
+/* A rendered chin that ends within the recorded one leaves no line: from its outline on the head's share rises by 2
+ * erf, so by at most 2 / (sqrt(2 pi) 0.05 FACE) = 0.27 a pixel, of 130 grey levels that the two differ by, matching
+ * included. Noise adds 3. */
+static void test_no_line(void **state) {
+  (void)state;
+  bool drawn = false;
+  ern_dub_input in = face_at(80, 80, FACE);
+  paint((const uint8_t[3]){40, 20, 20}, 255);
+  find_box(&in);
+  for (int y = (int)(80 + 0.52 * FACE) - in.box[1]; y < in.head_height; y++)
+    for (int x = 0; x < in.head_width; x++) head[4 * (y * in.head_width + x) + 3] = 0;
+  support_ok(context, ern_dub_frame(context, &in, out, &drawn));
+  assert_true(drawn);
+  int most = 0;
+  for (size_t y = 80 + FACE / 2 - 10; y < 80 + FACE / 2 + 10; y++)
+    most = (int)fmax(most, abs(out[4 * ((y + 1) * WIDTH + 80)] - out[4 * (y * WIDTH + 80)]));
+  assert_in_range(most, 1, 0.27 * 130 + 3);
+}
+
 /* The nose stays as recorded, the skin below it does not. */
 static void test_nose(void **state) {
   (void)state;
@@ -366,12 +385,18 @@ static int close_context(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_drawn),         cmocka_unit_test(test_outline),
-      cmocka_unit_test(test_nose),          cmocka_unit_test(test_matched),
-      cmocka_unit_test(test_scaled),        cmocka_unit_test(test_part),
-      cmocka_unit_test(test_wanted),        cmocka_unit_test(test_wanted_of_a_small_head),
-      cmocka_unit_test(test_recorded_head), cmocka_unit_test(test_left_as_recorded),
-      cmocka_unit_test(test_any_landmarks), cmocka_unit_test(test_refused)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_drawn),
+                                     cmocka_unit_test(test_outline),
+                                     cmocka_unit_test(test_no_line),
+                                     cmocka_unit_test(test_nose),
+                                     cmocka_unit_test(test_matched),
+                                     cmocka_unit_test(test_scaled),
+                                     cmocka_unit_test(test_part),
+                                     cmocka_unit_test(test_wanted),
+                                     cmocka_unit_test(test_wanted_of_a_small_head),
+                                     cmocka_unit_test(test_recorded_head),
+                                     cmocka_unit_test(test_left_as_recorded),
+                                     cmocka_unit_test(test_any_landmarks),
+                                     cmocka_unit_test(test_refused)};
   return cmocka_run_group_tests(tests, open_context, close_context);
 }
