@@ -12,20 +12,13 @@ static const char *const activate_bwd_kernel[] = {"activate_bwd_density", "activ
 ern_status ern_cl_activate_fwd(struct ern_stream *stream, struct ern_activate_fwd_args *a) {
   const struct ern_cl_blocks shape = ern_cl_blocks_of(stream, a->n);
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_activation, activate_fwd_kernel[a->kind], "");
-  ern_cl_rows(&call, a->y);
-  ern_cl_rows(&call, a->x);
-  ern_cl_int(&call, (int)shape.count);
-  ern_cl_size(&call, a->n);
+  ERN_CL_ARGS(&call, a->y, a->x, (int)shape.count, a->n);
   return ern_cl_run(&call, shape.count * (size_t)a->y.rows, shape.group);
 }
 
 ern_status ern_cl_activate_bwd(struct ern_stream *stream, struct ern_activate_bwd_args *a) {
   const struct ern_cl_blocks shape = ern_cl_blocks_of(stream, a->n);
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_activation, activate_bwd_kernel[a->kind], "");
-  ern_cl_rows(&call, a->dx);
-  ern_cl_rows(&call, a->dy);
-  ern_cl_rows(&call, a->x);
-  ern_cl_int(&call, (int)shape.count);
-  ern_cl_size(&call, a->n);
+  ERN_CL_ARGS(&call, a->dx, a->dy, a->x, (int)shape.count, a->n);
   return ern_cl_run(&call, shape.count * (size_t)a->dx.rows, shape.group);
 }

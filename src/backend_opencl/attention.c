@@ -8,26 +8,15 @@ enum { PARTS = 64 }; /* as in kernels/attention.cl */
 ern_status ern_cl_attention_fwd(struct ern_stream *stream, struct ern_attention_fwd_args *a) {
   const struct ern_cl_blocks shape = ern_cl_blocks_of(stream, a->n);
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_attention, "attention_fwd", "");
-  ern_cl_rows(&call, a->region);
-  ern_cl_span(&call, a->norm);
-  ern_cl_span(&call, a->region_eye);
-  ern_cl_rows(&call, a->v);
-  ern_cl_span(&call, a->code);
-  ern_cl_span(&call, a->eye_attention);
-  ern_cl_float(&call, a->eye);
-  ern_cl_int(&call, a->region.rows);
-  ern_cl_int(&call, a->v.rows);
-  ern_cl_size(&call, a->n);
+  ERN_CL_ARGS(&call, a->region, a->norm, a->region_eye, a->v, a->code, a->eye_attention, a->eye, a->region.rows,
+              a->v.rows, a->n);
   return ern_cl_run(&call, shape.count, shape.group);
 }
 
 static ern_status bwd_eye(struct ern_stream *stream, const struct ern_attention_bwd_args *a) {
   const struct ern_cl_blocks shape = ern_cl_blocks_of(stream, a->forward.n);
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_attention, "attention_eye_bwd", "");
-  ern_cl_span(&call, a->deye_attention);
-  ern_cl_span(&call, a->dregion_eye);
-  ern_cl_float(&call, a->forward.eye);
-  ern_cl_size(&call, a->forward.n);
+  ERN_CL_ARGS(&call, a->deye_attention, a->dregion_eye, a->forward.eye, a->forward.n);
   return ern_cl_run(&call, shape.count, shape.group);
 }
 
@@ -37,16 +26,8 @@ static ern_status bwd_v(struct ern_stream *stream, const struct ern_attention_bw
   const struct ern_attention_fwd_args *forward = &a->forward;
   const size_t channels = (size_t)forward->region.rows;
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_attention, "attention_bwd", "");
-  ern_cl_rows(&call, dv);
-  ern_cl_span(&call, parts);
-  ern_cl_rows(&call, a->dregion);
-  ern_cl_span(&call, a->dnorm);
-  ern_cl_rows(&call, forward->v);
-  ern_cl_span(&call, forward->norm);
-  ern_cl_span(&call, forward->code);
-  ern_cl_int(&call, (int)channels);
-  ern_cl_int(&call, forward->v.rows);
-  ern_cl_size(&call, forward->n);
+  ERN_CL_ARGS(&call, dv, parts, a->dregion, a->dnorm, forward->v, forward->norm, forward->code, (int)channels,
+              forward->v.rows, forward->n);
   return ern_cl_run(&call, PARTS * channels, ern_cl_blocks_of(stream, 1).group);
 }
 
@@ -54,22 +35,14 @@ static ern_status bwd_one(struct ern_stream *stream, const struct ern_attention_
   const struct ern_attention_fwd_args *forward = &a->forward;
   const struct ern_cl_blocks shape = ern_cl_blocks_of(stream, forward->n);
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_attention, "attention_one_bwd", "");
-  ern_cl_span(&call, a->dv.span);
-  ern_cl_rows(&call, a->dregion);
-  ern_cl_span(&call, a->dnorm);
-  ern_cl_span(&call, forward->v.span);
-  ern_cl_span(&call, forward->norm);
-  ern_cl_span(&call, forward->code);
-  ern_cl_int(&call, forward->region.rows);
-  ern_cl_size(&call, forward->n);
+  ERN_CL_ARGS(&call, a->dv.span, a->dregion, a->dnorm, forward->v.span, forward->norm, forward->code,
+              forward->region.rows, forward->n);
   return ern_cl_run(&call, shape.count, shape.group);
 }
 
 static ern_status bwd_code(struct ern_stream *stream, const struct ern_attention_bwd_args *a, ern_span parts) {
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_attention, "attention_code_bwd", "");
-  ern_cl_span(&call, a->dcode);
-  ern_cl_span(&call, parts);
-  ern_cl_int(&call, a->forward.region.rows);
+  ERN_CL_ARGS(&call, a->dcode, parts, a->forward.region.rows);
   return ern_cl_each(&call, (size_t)a->forward.region.rows);
 }
 

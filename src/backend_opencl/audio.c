@@ -62,10 +62,7 @@ static ern_status windows_fwd(struct ern_stream *stream, const struct workspace 
   }
   if (groups == 0) return ERN_OK;
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_audio, "audio_windows", "");
-  ern_cl_span(&call, workspace->codes);
-  ern_cl_span(&call, workspace->values);
-  ern_cl_span(&call, a->windows);
-  ern_cl_span(&call, a->parameters);
+  ERN_CL_ARGS(&call, workspace->codes, workspace->values, a->windows, a->parameters);
   ern_cl_value(&call, &net, sizeof net);
   ern_cl_value(&call, &order, sizeof order);
   return ern_cl_run(&call, groups, GROUP);
@@ -75,10 +72,7 @@ static ern_status mix_fwd(struct ern_stream *stream, ern_span code, const struct
                           const struct ern_audio_fwd_args *a) {
   const struct audio_net net = net_of(&a->net);
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_audio, "audio_mix", "");
-  ern_cl_span(&call, code);
-  ern_cl_span(&call, workspace->att);
-  ern_cl_span(&call, workspace->codes);
-  ern_cl_span(&call, a->parameters);
+  ERN_CL_ARGS(&call, code, workspace->att, workspace->codes, a->parameters);
   ern_cl_value(&call, &net, sizeof net);
   return ern_cl_run(&call, 1, GROUP);
 }
@@ -119,13 +113,8 @@ static ern_status mix_bwd(struct ern_stream *stream, const struct ern_audio_bwd_
                           const struct workspace *workspace, const struct workspace *d) {
   const struct audio_net net = net_of(&a->forward.net);
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_audio, "audio_mix_bwd", "");
-  ern_cl_span(&call, a->dparameters);
-  ern_cl_span(&call, d->codes);
-  ern_cl_span(&call, d->att);
-  ern_cl_span(&call, a->dcode);
-  ern_cl_span(&call, workspace->codes);
-  ern_cl_span(&call, workspace->att);
-  ern_cl_span(&call, a->forward.parameters);
+  ERN_CL_ARGS(&call, a->dparameters, d->codes, d->att, a->dcode, workspace->codes, workspace->att,
+              a->forward.parameters);
   ern_cl_value(&call, &net, sizeof net);
   return ern_cl_run(&call, 1, GROUP);
 }
@@ -134,10 +123,7 @@ static ern_status windows_bwd(struct ern_stream *stream, const struct ern_audio_
                               const struct workspace *workspace, const struct workspace *d) {
   const struct audio_net net = net_of(&a->forward.net);
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_audio, "audio_windows_bwd", "");
-  ern_cl_span(&call, d->values);
-  ern_cl_span(&call, d->codes);
-  ern_cl_span(&call, workspace->values);
-  ern_cl_span(&call, a->forward.parameters);
+  ERN_CL_ARGS(&call, d->values, d->codes, workspace->values, a->forward.parameters);
   ern_cl_value(&call, &net, sizeof net);
   return ern_cl_run(&call, WINDOWS, GROUP);
 }
@@ -152,11 +138,7 @@ static ern_status windows_weights(struct ern_stream *stream, const struct ern_au
     items += out[l] * ((in + BLOCK - 1) / BLOCK);
   }
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_audio, "audio_windows_weights", "");
-  ern_cl_span(&call, a->dparameters);
-  ern_cl_span(&call, d->values);
-  ern_cl_span(&call, d->codes);
-  ern_cl_span(&call, workspace->values);
-  ern_cl_span(&call, a->forward.windows);
+  ERN_CL_ARGS(&call, a->dparameters, d->values, d->codes, workspace->values, a->forward.windows);
   ern_cl_value(&call, &net, sizeof net);
   ern_cl_size(&call, items);
   return ern_cl_each(&call, items);

@@ -95,8 +95,7 @@ static ern_status bwd_table(struct ern_stream *stream, const struct ern_grid_bwd
   const bool atomics = !ern_cl_backend_of(stream)->table.deterministic;
   struct ern_cl_call call =
       ern_cl_begin(stream, ERN_CL_hashgrid, atomics ? "grid_bwd_table_atomic" : "grid_bwd_table", plan->options);
-  ern_cl_span(&call, a->dtable);
-  ern_cl_rows(&call, a->df);
+  ERN_CL_ARGS(&call, a->dtable, a->df);
   positions(&call, &a->forward);
   ern_cl_value(&call, &plan->grid, sizeof plan->grid);
   ern_cl_size(&call, a->forward.n);

@@ -60,10 +60,7 @@ static void head_loss_deliver(void *args, const float *values, size_t count) {
 
 static ern_status head_softmax(struct ern_stream *stream, ern_span most, ern_span sum, ern_span uncertainty, size_t n) {
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_losses, "head_softmax", "");
-  ern_cl_span(&call, most);
-  ern_cl_span(&call, sum);
-  ern_cl_span(&call, uncertainty);
-  ern_cl_size(&call, n);
+  ERN_CL_ARGS(&call, most, sum, uncertainty, n);
   return ern_cl_run_sums(&call);
 }
 
@@ -81,21 +78,8 @@ ern_status ern_cl_head_loss(struct ern_stream *stream, struct ern_head_loss_args
   }
   ERN_TRY(ern_cl_figures(stream, ERN_CL_SUMS * HEAD_TERMS, head_loss_deliver, a, &terms));
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_losses, "head_loss", "");
-  ern_cl_span(&call, terms);
-  ern_cl_rows(&call, a->dpixel);
-  ern_cl_span(&call, a->dopacity);
-  ern_cl_span(&call, a->dattention);
-  ern_cl_span(&call, a->deye);
-  ern_cl_span(&call, a->duncertainty);
-  ern_cl_rows(&call, a->pixel);
-  ern_cl_rows(&call, a->truth);
-  ern_cl_span(&call, a->opacity);
-  ern_cl_span(&call, a->attention);
-  ern_cl_span(&call, a->eye);
-  ern_cl_span(&call, a->uncertainty);
-  ern_cl_span(&call, a->face);
-  ern_cl_span(&call, most);
-  ern_cl_span(&call, sum);
+  ERN_CL_ARGS(&call, terms, a->dpixel, a->dopacity, a->dattention, a->deye, a->duncertainty, a->pixel, a->truth,
+              a->opacity, a->attention, a->eye, a->uncertainty, a->face, most, sum);
   ern_cl_value(&call, &factors, sizeof factors);
   ern_cl_size(&call, a->n);
   ERN_TRY(filled(&call, ERN_CL_SUMS * HEAD_TERMS, ern_cl_run_sums(&call)));
@@ -125,26 +109,17 @@ ern_status ern_cl_smooth_loss(struct ern_stream *stream, struct ern_smooth_loss_
   const ern_status status = ern_cl_figures(stream, ERN_CL_SUMS * SQUARES, smooth_loss_deliver, a, &squares);
   if (status != ERN_OK) return status;
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_losses, "smooth_loss", "");
-  ern_cl_span(&call, squares);
-  ern_cl_span(&call, a->dmoved);
-  ern_cl_span(&call, a->still);
-  ern_cl_span(&call, a->moved);
-  ern_cl_float(&call, (float)(2 * ((double)a->weight / (double)a->batch)));
-  ern_cl_size(&call, a->n);
+  ERN_CL_ARGS(&call, squares, a->dmoved, a->still, a->moved, (float)(2 * ((double)a->weight / (double)a->batch)), a->n);
   return filled(&call, ERN_CL_SUMS * SQUARES, ern_cl_run_sums(&call));
 }
 
 ern_status ern_cl_smooth_points(struct ern_stream *stream, struct ern_smooth_points_args *a) {
   if (a->n == 0) return ERN_OK;
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_losses, "smooth_points", "");
-  ern_cl_rows(&call, a->moved);
-  ern_cl_rows(&call, a->x);
-  ern_cl_float(&call, a->reach);
+  ERN_CL_ARGS(&call, a->moved, a->x, a->reach);
   ern_cl_value(&call, &a->seed, sizeof a->seed);
   ern_cl_value(&call, &a->step, sizeof a->step);
-  ern_cl_size(&call, a->first);
-  ern_cl_int(&call, ERN_RNG_SMOOTH);
-  ern_cl_size(&call, a->n);
+  ERN_CL_ARGS(&call, a->first, ERN_RNG_SMOOTH, a->n);
   const size_t width = (size_t)ern_cl_stream_of(stream)->owner->device.width;
   return ern_cl_each(&call, (a->n + width - 1) / width);
 }
@@ -161,12 +136,7 @@ ern_status ern_cl_mse(struct ern_stream *stream, struct ern_mse_args *a) {
   const ern_status status = ern_cl_figures(stream, ERN_CL_SUMS * SQUARES, mse_deliver, a, &squares);
   if (status != ERN_OK) return status;
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_losses, "mse", "");
-  ern_cl_span(&call, squares);
-  ern_cl_rows(&call, a->dpixel);
-  ern_cl_rows(&call, a->pixel);
-  ern_cl_rows(&call, a->truth);
-  ern_cl_float(&call, (float)(2 * (1 / (3 * (double)a->n))));
-  ern_cl_size(&call, a->n);
+  ERN_CL_ARGS(&call, squares, a->dpixel, a->pixel, a->truth, (float)(2 * (1 / (3 * (double)a->n))), a->n);
   return filled(&call, ERN_CL_SUMS * SQUARES, ern_cl_run_sums(&call));
 }
 
@@ -183,9 +153,7 @@ ern_status ern_cl_key_points_loss(struct ern_stream *stream, struct ern_key_poin
   const ern_status status = ern_cl_figures(stream, POINTS, key_points_loss_deliver, a, &short_of);
   if (status != ERN_OK) return status;
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_losses, "key_points_loss", "");
-  ern_cl_span(&call, short_of);
-  ern_cl_span(&call, a->danchors);
-  ern_cl_span(&call, a->anchors);
+  ERN_CL_ARGS(&call, short_of, a->danchors, a->anchors);
   return filled(&call, POINTS, ern_cl_each(&call, POINTS));
 }
 
@@ -201,12 +169,6 @@ ern_status ern_cl_pose_bwd(struct ern_stream *stream, struct ern_pose_bwd_args *
   const ern_status status = ern_cl_figures(stream, ERN_CL_SUMS * ERN_POSE_PARAMETERS, pose_bwd_deliver, a, &sums);
   if (status != ERN_OK) return status;
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_losses, "pose_bwd", "");
-  ern_cl_span(&call, sums);
-  ern_cl_rows(&call, a->dx);
-  ern_cl_rows(&call, a->x);
-  ern_cl_rows(&call, a->dd);
-  ern_cl_rows(&call, a->d);
-  ern_cl_span(&call, a->weight);
-  ern_cl_size(&call, a->n);
+  ERN_CL_ARGS(&call, sums, a->dx, a->x, a->dd, a->d, a->weight, a->n);
   return filled(&call, ERN_CL_SUMS * ERN_POSE_PARAMETERS, ern_cl_run_sums(&call));
 }

@@ -10,8 +10,7 @@
 ern_status ern_cl_rays(struct ern_stream *stream, struct ern_rays_args *a) {
   static_assert(sizeof(struct ern_view) == 21 * 4, "struct view in march.cl");
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_march, "rays", "");
-  ern_cl_rows(&call, a->dir);
-  ern_cl_span(&call, a->pixel);
+  ERN_CL_ARGS(&call, a->dir, a->pixel);
   ern_cl_value(&call, &a->view, sizeof a->view);
   ern_cl_size(&call, a->n);
   return ern_cl_each(&call, a->n);
@@ -56,11 +55,7 @@ ern_status ern_cl_march(struct ern_stream *stream, struct ern_march_args *a) {
   const size_t group = device->cpu ? CPU_GROUP : GPU_GROUP, rays_a_group = group * (size_t)device->width;
   const struct walk walk = walk_of(a->origin, &a->settings);
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_march, "march", "");
-  ern_cl_span(&call, a->t);
-  ern_cl_span(&call, a->count);
-  ern_cl_rows(&call, a->dir);
-  ern_cl_span(&call, a->jitter);
-  ern_cl_span(&call, a->bits);
+  ERN_CL_ARGS(&call, a->t, a->count, a->dir, a->jitter, a->bits);
   ern_cl_value(&call, &walk, sizeof walk);
   ern_cl_size(&call, a->n);
   return ern_cl_run(&call, a->n / rays_a_group + (a->n % rays_a_group != 0), group);
@@ -70,13 +65,7 @@ ern_status ern_cl_samples(struct ern_stream *stream, struct ern_samples_args *a)
   enum { TEAM = 16 }; /* work-items a ray */
   const struct walk walk = walk_of(a->origin, &a->settings);
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_march, "samples", "");
-  ern_cl_rows(&call, a->x);
-  ern_cl_span(&call, a->dt);
-  ern_cl_span(&call, a->depth);
-  ern_cl_span(&call, a->ray);
-  ern_cl_span(&call, a->t);
-  ern_cl_span(&call, a->first);
-  ern_cl_rows(&call, a->dir);
+  ERN_CL_ARGS(&call, a->x, a->dt, a->depth, a->ray, a->t, a->first, a->dir);
   ern_cl_value(&call, &walk, sizeof walk);
   ern_cl_size(&call, a->n);
   return ern_cl_each(&call, ern_cl_backend_of(stream)->device.cpu ? a->n : a->n * TEAM);
@@ -85,10 +74,6 @@ ern_status ern_cl_samples(struct ern_stream *stream, struct ern_samples_args *a)
 ern_status ern_cl_spread_rays(struct ern_stream *stream, struct ern_spread_rays_args *a) {
   if (a->n == 0) return ERN_OK;
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_march, "spread_rays", "");
-  ern_cl_rows(&call, a->y);
-  ern_cl_rows(&call, a->x);
-  ern_cl_span(&call, a->ray);
-  ern_cl_int(&call, a->y.rows);
-  ern_cl_size(&call, a->n);
+  ERN_CL_ARGS(&call, a->y, a->x, a->ray, a->y.rows, a->n);
   return ern_cl_each(&call, a->n);
 }

@@ -223,17 +223,13 @@ ern_status ern_cl_mlp_bwd(struct ern_stream *stream, struct ern_mlp_bwd_args *a)
   ERN_TRY(ern_scratch_take(stream, ERN_ELEMENT_REAL, parts * part, &sums));
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_mlp, "mlp_bwd", plan.options);
   give_gradients(&call, a);
-  ern_cl_span(&call, sums);
-  ern_cl_rows(&call, a->dy);
+  ERN_CL_ARGS(&call, sums, a->dy);
   give_inputs(&call, &a->forward);
-  ern_cl_size(&call, each);
-  ern_cl_size(&call, n);
+  ERN_CL_ARGS(&call, each, n);
   ERN_TRY(ern_cl_run(&call, parts, plan_items(&plan)));
   struct ern_cl_call sum = ern_cl_begin(stream, ERN_CL_mlp, "mlp_sum", plan.options);
   give_gradients(&sum, a);
-  ern_cl_span(&sum, ern_span_part(a->dparameters, first, a->dparameters.count - first));
-  ern_cl_span(&sum, sums);
-  ern_cl_int(&sum, (int)parts);
+  ERN_CL_ARGS(&sum, ern_span_part(a->dparameters, first, a->dparameters.count - first), sums, (int)parts);
   ERN_TRY(ern_cl_each(&sum, sums_wanted(a)));
 fail:
   ern_arena_release(stream, mark);

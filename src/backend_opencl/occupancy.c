@@ -40,12 +40,8 @@ ern_status ern_cl_occupancy_mark(struct ern_stream *stream, struct ern_occupancy
     ERN_TRY(stream->backend->upload_reals(stream, frusta, frustum, floats));
   }
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_occupancy, "occupancy_mark", "");
-  ern_cl_span(&call, a->grid);
-  ern_cl_span(&call, frusta);
-  ern_cl_float(&call, a->bound * (127.0f / 128.0f));
-  ern_cl_float(&call, 2.0f / ERN_OCCUPANCY_SIDE * a->bound);
-  ern_cl_float(&call, 2.0f / ERN_OCCUPANCY_SIDE * 4 * a->bound);
-  ern_cl_size(&call, a->view_count);
+  ERN_CL_ARGS(&call, a->grid, frusta, a->bound * (127.0f / 128.0f), 2.0f / ERN_OCCUPANCY_SIDE * a->bound,
+              2.0f / ERN_OCCUPANCY_SIDE * 4 * a->bound, a->view_count);
   ERN_TRY(ern_cl_each(&call, cpu ? BLOCKS : ERN_OCCUPANCY_CELLS));
 fail:
   ern_release(context, frustum);
@@ -65,25 +61,15 @@ ern_status ern_cl_occupancy_list(struct ern_stream *stream, struct ern_occupancy
   ERN_TRY(ern_scratch_take(stream, ERN_ELEMENT_INT32, BLOCKS, &scan.count));
   ERN_TRY(ern_scratch_take(stream, ERN_ELEMENT_INT32, BLOCKS + 1, &scan.first));
   call = ern_cl_begin(stream, ERN_CL_occupancy, "occupancy_open", "");
-  ern_cl_span(&call, open);
-  ern_cl_span(&call, a->grid);
+  ERN_CL_ARGS(&call, open, a->grid);
   ERN_TRY(ern_cl_each(&call, CUBES));
   call = ern_cl_begin(stream, ERN_CL_occupancy, "occupancy_count", "");
-  ern_cl_span(&call, scan.count);
-  ern_cl_span(&call, open);
-  ern_cl_span(&call, a->bits);
-  ern_cl_int(&call, (int32_t)a->turn.turn);
-  ern_cl_int(&call, (int32_t)a->turn.mask);
+  ERN_CL_ARGS(&call, scan.count, open, a->bits, (int32_t)a->turn.turn, (int32_t)a->turn.mask);
   ERN_TRY(ern_cl_each(&call, BLOCKS));
   ERN_TRY(ern_cl_scan(stream, &scan));
   a->count = scan.total;
   call = ern_cl_begin(stream, ERN_CL_occupancy, "occupancy_list", "");
-  ern_cl_span(&call, a->cells);
-  ern_cl_span(&call, scan.first);
-  ern_cl_span(&call, open);
-  ern_cl_span(&call, a->bits);
-  ern_cl_int(&call, (int32_t)a->turn.turn);
-  ern_cl_int(&call, (int32_t)a->turn.mask);
+  ERN_CL_ARGS(&call, a->cells, scan.first, open, a->bits, (int32_t)a->turn.turn, (int32_t)a->turn.mask);
   ERN_TRY(ern_cl_each(&call, BLOCKS));
 fail:
   ern_arena_release(stream, mark);
@@ -92,23 +78,14 @@ fail:
 
 ern_status ern_cl_occupancy_points(struct ern_stream *stream, struct ern_occupancy_points_args *a) {
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_occupancy, "occupancy_points", "");
-  ern_cl_rows(&call, a->x);
-  ern_cl_span(&call, a->cells);
-  ern_cl_float(&call, a->bound * (127.0f / 128.0f));
-  ern_cl_float(&call, a->bound / ERN_OCCUPANCY_SIDE);
-  ern_cl_size(&call, a->seed);
-  ern_cl_size(&call, a->step);
-  ern_cl_int(&call, ERN_RNG_REFRESH_CELL);
-  ern_cl_size(&call, a->n);
+  ERN_CL_ARGS(&call, a->x, a->cells, a->bound * (127.0f / 128.0f), a->bound / ERN_OCCUPANCY_SIDE, a->seed, a->step,
+              ERN_RNG_REFRESH_CELL, a->n);
   return ern_cl_each(&call, a->n);
 }
 
 ern_status ern_cl_occupancy_scatter(struct ern_stream *stream, struct ern_occupancy_scatter_args *a) {
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_occupancy, "occupancy_scatter", "");
-  ern_cl_span(&call, a->fresh);
-  ern_cl_span(&call, a->cells);
-  ern_cl_span(&call, a->sigma);
-  ern_cl_size(&call, a->n);
+  ERN_CL_ARGS(&call, a->fresh, a->cells, a->sigma, a->n);
   return ern_cl_each(&call, a->n);
 }
 
@@ -132,23 +109,14 @@ ern_status ern_cl_occupancy_update(struct ern_stream *stream, struct ern_occupan
   struct ern_cl_call call;
   ERN_TRY(ern_scratch_take(stream, ERN_ELEMENT_REAL, 2 * ERN_CL_SUMS, &parts));
   call = ern_cl_begin(stream, ERN_CL_occupancy, "occupancy_update", "");
-  ern_cl_span(&call, parts);
-  ern_cl_span(&call, a->grid);
-  ern_cl_span(&call, a->fresh);
-  ern_cl_span(&call, a->bits);
-  ern_cl_float(&call, a->decay.near);
-  ern_cl_float(&call, a->decay.far);
-  ern_cl_int(&call, (int32_t)a->decay.turn.turn);
-  ern_cl_int(&call, (int32_t)a->decay.turn.mask);
-  ern_cl_int(&call, CUBES / (ERN_CL_SUMS * ERN_CL_SUM_GROUP));
+  ERN_CL_ARGS(&call, parts, a->grid, a->fresh, a->bits, a->decay.near, a->decay.far, (int32_t)a->decay.turn.turn,
+              (int32_t)a->decay.turn.mask, CUBES / (ERN_CL_SUMS * ERN_CL_SUM_GROUP));
   ERN_TRY(ern_cl_run(&call, ERN_CL_SUMS, ERN_CL_SUM_GROUP));
   ERN_TRY(ern_cl_read(stream, part, parts, 2 * ERN_CL_SUMS));
   a->mean = sum_of(part) / ERN_OCCUPANCY_CELLS;
   ern_cl_touch(ern_cl_backend_of(stream), a->bits.buffer);
   call = ern_cl_begin(stream, ERN_CL_occupancy, "occupancy_bits", "");
-  ern_cl_span(&call, a->bits);
-  ern_cl_span(&call, a->grid);
-  ern_cl_float(&call, a->mean < (double)a->limit ? (float)a->mean : a->limit);
+  ERN_CL_ARGS(&call, a->bits, a->grid, a->mean < (double)a->limit ? (float)a->mean : a->limit);
   ERN_TRY(ern_cl_each(&call, CUBES));
 fail:
   ern_arena_release(stream, mark);

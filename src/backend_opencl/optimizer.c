@@ -10,25 +10,15 @@ ern_status ern_cl_adamw(struct ern_stream *stream, struct ern_adamw_args *a) {
   if (a->n == 0) return ERN_OK;
   const double correction = -expm1((double)a->step * log((double)a->beta2));
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_optimizer, "adamw", "");
-  ern_cl_span(&call, a->parameters);
-  ern_cl_span(&call, a->second_moment);
-  ern_cl_span(&call, a->gradient);
-  ern_cl_float(&call, a->rate);
-  ern_cl_float(&call, (float)(1 - (double)a->rate * (double)a->decay));
-  ern_cl_float(&call, a->beta2);
-  ern_cl_float(&call, (float)(1 - (double)a->beta2));
-  ern_cl_float(&call, (float)(1 / sqrt(correction)));
-  ern_cl_float(&call, a->eps);
-  ern_cl_size(&call, a->n);
+  ERN_CL_ARGS(&call, a->parameters, a->second_moment, a->gradient, a->rate,
+              (float)(1 - (double)a->rate * (double)a->decay), a->beta2, (float)(1 - (double)a->beta2),
+              (float)(1 / sqrt(correction)), a->eps, a->n);
   return ern_cl_each(&call, a->n);
 }
 
 ern_status ern_cl_ema(struct ern_stream *stream, struct ern_ema_args *a) {
   if (a->n == 0) return ERN_OK;
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_optimizer, "ema", "");
-  ern_cl_span(&call, a->average);
-  ern_cl_span(&call, a->parameters);
-  ern_cl_float(&call, (float)(1 - (double)a->decay));
-  ern_cl_size(&call, a->n);
+  ERN_CL_ARGS(&call, a->average, a->parameters, (float)(1 - (double)a->decay), a->n);
   return ern_cl_each(&call, a->n);
 }

@@ -39,8 +39,7 @@ static struct ern_cl_call begin(const struct patch_pass *p, const char *kernel) 
 }
 
 static ern_status run(const struct patch_pass *p, struct ern_cl_call *call, size_t k) {
-  ern_cl_size(call, p->side[k]);
-  ern_cl_size(call, p->total[k]);
+  ERN_CL_ARGS(call, p->side[k], p->total[k]);
   return ern_cl_each(call, p->total[k]);
 }
 
@@ -50,26 +49,14 @@ static ern_status make_scales(const struct patch_pass *p) {
   const size_t n = p->side[0] * p->side[0];
   ern_status status = ERN_OK;
   struct ern_cl_call base = begin(p, "patch_base");
-  ern_cl_span(&base, p->base);
-  ern_cl_rows(&base, a->truth);
-  ern_cl_size(&base, n);
-  ern_cl_size(&base, p->planes);
+  ERN_CL_ARGS(&base, p->base, a->truth, n, p->planes);
   ERN_TRY(ern_cl_each(&base, p->planes));
   struct ern_cl_call shift = begin(p, "patch_shift");
-  ern_cl_span(&shift, p->x[0]);
-  ern_cl_span(&shift, p->y[0]);
-  ern_cl_rows(&shift, a->pixel);
-  ern_cl_rows(&shift, a->truth);
-  ern_cl_span(&shift, p->base);
-  ern_cl_size(&shift, n);
-  ern_cl_size(&shift, p->total[0]);
+  ERN_CL_ARGS(&shift, p->x[0], p->y[0], a->pixel, a->truth, p->base, n, p->total[0]);
   ERN_TRY(ern_cl_each(&shift, p->total[0]));
   for (size_t k = 1; k < SCALES; k++) {
     struct ern_cl_call halve = begin(p, "patch_halve");
-    ern_cl_span(&halve, p->x[k]);
-    ern_cl_span(&halve, p->y[k]);
-    ern_cl_span(&halve, p->x[k - 1]);
-    ern_cl_span(&halve, p->y[k - 1]);
+    ERN_CL_ARGS(&halve, p->x[k], p->y[k], p->x[k - 1], p->y[k - 1]);
     ERN_TRY(run(p, &halve, k));
   }
 fail:
@@ -92,24 +79,14 @@ static ern_status make_gradients(const struct patch_pass *p, size_t k) {
   ern_span figures;
   ern_status status = ERN_OK;
   struct ern_cl_call columns = begin(p, "patch_columns");
-  ern_cl_span(&columns, p->between);
-  ern_cl_span(&columns, p->x[k]);
-  ern_cl_span(&columns, p->y[k]);
-  ern_cl_span(&columns, p->filter[k]);
+  ERN_CL_ARGS(&columns, p->between, p->x[k], p->y[k], p->filter[k]);
   ERN_TRY(run(p, &columns, k));
   struct ern_cl_call gradients = begin(p, "patch_gradients");
-  ern_cl_span(&gradients, p->gradient);
-  ern_cl_span(&gradients, p->between);
-  ern_cl_span(&gradients, p->base);
-  ern_cl_span(&gradients, p->filter[k]);
+  ERN_CL_ARGS(&gradients, p->gradient, p->between, p->base, p->filter[k]);
   ERN_TRY(run(p, &gradients, k));
   ERN_TRY(ern_cl_figures(p->stream, lines, deliver, p->args, &figures));
   struct ern_cl_call sums = begin(p, "patch_sums");
-  ern_cl_span(&sums, figures);
-  ern_cl_span(&sums, p->gradient);
-  ern_cl_float(&sums, (float)part_of(p->args, k));
-  ern_cl_size(&sums, p->side[k]);
-  ern_cl_size(&sums, p->total[k]);
+  ERN_CL_ARGS(&sums, figures, p->gradient, (float)part_of(p->args, k), p->side[k], p->total[k]);
   status = ern_cl_each(&sums, lines);
   if (status != ERN_OK) { /* discards the pending results */
     sums.stream->pending_count--;
@@ -123,21 +100,15 @@ fail:
 static ern_status backward(const struct patch_pass *p, size_t k) {
   ern_status status = ERN_OK;
   struct ern_cl_call columns = begin(p, "patch_columns_bwd");
-  ern_cl_span(&columns, p->between);
-  ern_cl_span(&columns, p->gradient);
-  ern_cl_span(&columns, p->filter[k]);
+  ERN_CL_ARGS(&columns, p->between, p->gradient, p->filter[k]);
   ERN_TRY(run(p, &columns, k));
   struct ern_cl_call back = begin(p, k > 0 ? "patch_bwd" : "patch_rays_bwd");
   if (k > 0)
     ern_cl_span(&back, p->d[k]);
   else
     ern_cl_rows(&back, p->args->dpixel);
-  ern_cl_span(&back, p->x[k]);
-  ern_cl_span(&back, p->y[k]);
-  ern_cl_span(&back, p->between);
-  ern_cl_span(&back, p->filter[k]);
-  ern_cl_span(&back, k + 1 < SCALES ? p->d[k + 1] : (ern_span){0});
-  ern_cl_float(&back, (float)part_of(p->args, k));
+  ERN_CL_ARGS(&back, p->x[k], p->y[k], p->between, p->filter[k], k + 1 < SCALES ? p->d[k + 1] : (ern_span){0},
+              (float)part_of(p->args, k));
   ERN_TRY(run(p, &back, k));
 fail:
   return status;

@@ -12,24 +12,14 @@ static ern_status run_vectors(struct ern_cl_call *call, size_t n) {
 ern_status ern_cl_background(struct ern_stream *stream, struct ern_background_args *a) {
   if (a->n == 0) return ERN_OK;
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_picture, "background", "");
-  ern_cl_rows(&call, a->pixel);
-  ern_cl_span(&call, a->opacity);
-  ern_cl_span(&call, a->background);
-  ern_cl_span(&call, a->torso);
-  ern_cl_size(&call, a->n);
+  ERN_CL_ARGS(&call, a->pixel, a->opacity, a->background, a->torso, a->n);
   return run_vectors(&call, a->n);
 }
 
 ern_status ern_cl_picture(struct ern_stream *stream, struct ern_picture_args *a) {
   if (a->n == 0) return ERN_OK;
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_picture, "picture", "");
-  ern_cl_span(&call, a->rgba);
-  ern_cl_span(&call, a->rgb);
-  ern_cl_span(&call, a->alpha);
-  ern_cl_rows(&call, a->pixel);
-  ern_cl_span(&call, a->head);
-  ern_cl_span(&call, a->torso);
-  ern_cl_size(&call, a->n);
+  ERN_CL_ARGS(&call, a->rgba, a->rgb, a->alpha, a->pixel, a->head, a->torso, a->n);
   return run_vectors(&call, a->n);
 }
 
@@ -37,11 +27,7 @@ static ern_status run_list(struct ern_stream *stream, const char *kernel, ern_ro
                            size_t n) {
   if (n == 0) return ERN_OK;
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_picture, kernel, "");
-  ern_cl_rows(&call, to);
-  ern_cl_rows(&call, from);
-  ern_cl_span(&call, pixel);
-  ern_cl_int(&call, from.rows);
-  ern_cl_size(&call, n);
+  ERN_CL_ARGS(&call, to, from, pixel, from.rows, n);
   return ern_cl_each(&call, n);
 }
 ern_status ern_cl_gather(struct ern_stream *stream, struct ern_gather_args *a) {
@@ -54,23 +40,14 @@ ern_status ern_cl_scatter(struct ern_stream *stream, struct ern_scatter_args *a)
 ern_status ern_cl_blend(struct ern_stream *stream, struct ern_blend_args *a) {
   if (a->n == 0) return ERN_OK;
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_picture, "blend", "");
-  ern_cl_span(&call, a->to);
-  ern_cl_rows(&call, a->from);
-  ern_cl_span(&call, a->weight);
-  ern_cl_span(&call, a->pixel);
-  ern_cl_size(&call, a->weight.count);
-  ern_cl_size(&call, a->n);
+  ERN_CL_ARGS(&call, a->to, a->from, a->weight, a->pixel, a->weight.count, a->n);
   return ern_cl_each(&call, a->n);
 }
 
 ern_status ern_cl_overlay(struct ern_stream *stream, struct ern_overlay_args *a) {
   if (a->n == 0) return ERN_OK;
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_picture, "overlay", "");
-  ern_cl_rows(&call, a->pixel);
-  ern_cl_rows(&call, a->colour);
-  ern_cl_span(&call, a->opacity);
-  ern_cl_rows(&call, a->background);
-  ern_cl_size(&call, a->n);
+  ERN_CL_ARGS(&call, a->pixel, a->colour, a->opacity, a->background, a->n);
   return run_vectors(&call, a->n);
 }
 
@@ -83,9 +60,7 @@ ern_status ern_cl_finite(struct ern_stream *stream, struct ern_finite_args *a) {
   if (a->n == 0) return ERN_OK;
   ERN_TRY(ern_scratch_take(stream, ERN_ELEMENT_INT32, ERN_CL_SUMS, &found));
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_picture, "finite", "");
-  ern_cl_span(&call, found);
-  ern_cl_span(&call, a->values);
-  ern_cl_size(&call, a->n);
+  ERN_CL_ARGS(&call, found, a->values, a->n);
   ERN_TRY(ern_cl_run_sums(&call));
   ERN_TRY(ern_cl_read(stream, host, found, ERN_CL_SUMS));
   for (size_t i = 0; i < ERN_CL_SUMS; i++) a->finite = a->finite && host[i] == 0;

@@ -3,19 +3,14 @@
 #include "backend_opencl/portrait.h"
 
 static void say_place(struct ern_cl_call *call, const struct ern_cl_place *place, size_t rows, size_t columns) {
-  ern_cl_int(call, (int)rows);
-  ern_cl_int(call, (int)columns);
-  ern_cl_int(call, (int)rows < place->outputs ? (int)rows : place->outputs);
-  ern_cl_int(call, (int)place->width);
-  ern_cl_int(call, (int)place->column);
+  ERN_CL_ARGS(call, (int)rows, (int)columns, (int)rows < place->outputs ? (int)rows : place->outputs, (int)place->width,
+              (int)place->column);
 }
 
 ern_status ern_cl_pack(struct ern_stream *stream, const struct ern_cl_place *place, ern_span a, size_t row_step,
                        size_t rows, size_t columns) {
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_portrait, "pack", "");
-  ern_cl_span(&call, place->matrix);
-  ern_cl_span(&call, a);
-  ern_cl_size(&call, row_step);
+  ERN_CL_ARGS(&call, place->matrix, a, row_step);
   say_place(&call, place, rows, columns);
   return ern_cl_each(&call, rows * columns);
 }
@@ -23,12 +18,7 @@ ern_status ern_cl_pack(struct ern_stream *stream, const struct ern_cl_place *pla
 ern_status ern_cl_multiply(struct ern_stream *stream, const struct ern_cl_place *place, ern_span a, size_t row_step,
                            ern_span scale, ern_span b, size_t rows, size_t count, size_t columns) {
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_portrait, "multiply", "");
-  ern_cl_span(&call, place->matrix);
-  ern_cl_span(&call, a);
-  ern_cl_span(&call, scale);
-  ern_cl_span(&call, b);
-  ern_cl_size(&call, row_step);
-  ern_cl_int(&call, (int)count);
+  ERN_CL_ARGS(&call, place->matrix, a, scale, b, row_step, (int)count);
   say_place(&call, place, rows, columns);
   return ern_cl_each(&call, rows * columns);
 }

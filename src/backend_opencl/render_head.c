@@ -220,12 +220,9 @@ static ern_status make_dense(struct ern_stream *stream, struct ern_cl_head *p, c
     const struct ern_grid_level *of = &grid->level[i % (size_t)field->config.levels];
     const size_t n = (size_t)level[i].row * level[i].row;
     struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_portrait, "unhash", "");
-    ern_cl_span(&call, ern_span_part(ern_cl_whole(p->dense), level[i].at, n));
-    ern_cl_span(&call, ern_cl_from(parameters, field->encoder.table[plane] + of->offset));
-    ern_cl_int(&call, (int)level[i].row);
-    ern_cl_int(&call, (int)of->size);
-    ern_cl_int(&call, grid->hashed && n > of->size);
-    ern_cl_size(&call, n);
+    ERN_CL_ARGS(&call, ern_span_part(ern_cl_whole(p->dense), level[i].at, n),
+                ern_cl_from(parameters, field->encoder.table[plane] + of->offset), (int)level[i].row, (int)of->size,
+                grid->hashed && n > of->size, n);
     ERN_TRY(ern_cl_each(&call, n));
   }
 fail:
@@ -379,19 +376,9 @@ struct rays {
 
 static void give_rays(struct ern_cl_call *call, const struct ern_cl_head *p, const struct ern_render_rays_args *a,
                       const struct rays *rays) {
-  ern_cl_rows(call, a->pixel);
-  ern_cl_rows(call, a->colour);
-  ern_cl_span(call, a->opacity);
-  ern_cl_span(call, a->depth);
-  ern_cl_span(call, a->attention);
-  ern_cl_span(call, p->eye ? a->eye : (ern_span){0});
-  ern_cl_rows(call, a->background);
-  ern_cl_span(call, a->pixel_number);
-  ern_cl_span(call, a->bits);
-  ern_cl_span(call, rays->nearest);
-  ern_cl_span(call, ern_cl_whole(p->counter));
-  ern_cl_span(call, rays->listed_ray);
-  ern_cl_span(call, rays->listed_t);
+  ERN_CL_ARGS(call, a->pixel, a->colour, a->opacity, a->depth, a->attention, p->eye ? a->eye : (ern_span){0},
+              a->background, a->pixel_number, a->bits, rays->nearest, ern_cl_whole(p->counter), rays->listed_ray,
+              rays->listed_t);
 }
 
 static ern_status list_rays(struct ern_stream *stream, struct ern_cl_head *p, const struct ern_render_rays_args *a,
@@ -421,9 +408,7 @@ ern_status ern_cl_head_render(struct ern_stream *stream, struct ern_cl_head *p, 
     ERN_TRY(list_rays(stream, p, a, &frame, &rays));
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_render, "render_rays", p->options);
   give_rays(&call, p, a, &rays);
-  ern_cl_span(&call, ern_cl_whole(p->net));
-  ern_cl_span(&call, ern_cl_whole(p->dense));
-  ern_cl_span(&call, ern_cl_whole(p->levels));
+  ERN_CL_ARGS(&call, ern_cl_whole(p->net), ern_cl_whole(p->dense), ern_cl_whole(p->levels));
   ern_cl_value(&call, &frame, sizeof frame);
   ERN_TRY(ern_cl_run(&call, ern_cl_groups(backend, ERN_CL_SIZE_rays_groups), (size_t)p->form.group));
 fail:

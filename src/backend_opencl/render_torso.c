@@ -211,13 +211,10 @@ static ern_status find_bias(struct ern_stream *stream, const struct ern_cl_torso
   struct ern_freq_fwd_args encode = {.y = encoded, .x = k, .octaves = ERN_K_OCTAVES, .n = 1};
   ERN_TRY(table->freq_fwd(stream, &encode));
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_render_torso, "torso_bias", p->options);
-  ern_cl_span(&call, bias);
-  ern_cl_span(&call, a->parameters);
-  ern_cl_span(&call, encoded.span);
-  ern_cl_span(&call, codes ? ern_cl_from(a->parameters, field->torso_codes + a->individual * ERN_TORSO_CODE_WIDTH)
-                           : (ern_span){0});
-  ern_cl_int(&call, ERN_K_ROWS);
-  ern_cl_int(&call, codes ? ERN_TORSO_CODE_WIDTH : 0);
+  ERN_CL_ARGS(
+      &call, bias, a->parameters, encoded.span,
+      codes ? ern_cl_from(a->parameters, field->torso_codes + a->individual * ERN_TORSO_CODE_WIDTH) : (ern_span){0},
+      ERN_K_ROWS, codes ? ERN_TORSO_CODE_WIDTH : 0);
   ern_cl_value(&call, &first, sizeof first);
   status = ern_cl_each(&call, TERMS);
 fail:
@@ -237,10 +234,7 @@ static ern_status find_terms(struct ern_stream *stream, const struct ern_cl_tors
   ERN_TRY(ern_scratch_take(stream, ERN_ELEMENT_REAL, terms->padded * TERMS, &terms->columns));
   ERN_TRY(find_bias(stream, p, a, bias));
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_render_torso, "torso_terms", p->options);
-  ern_cl_span(&call, terms->rows);
-  ern_cl_span(&call, terms->columns);
-  ern_cl_span(&call, bias);
-  ern_cl_span(&call, a->parameters);
+  ERN_CL_ARGS(&call, terms->rows, terms->columns, bias, a->parameters);
   ern_cl_value(&call, frame, sizeof *frame);
   ern_cl_int(&call, (int)terms->padded);
   ern_cl_value(&call, &first, sizeof first);
@@ -268,16 +262,8 @@ ern_status ern_cl_torso_render(struct ern_stream *stream, struct ern_cl_torso *p
     ERN_TRY(table->zero(stream, ern_span_part(a->opacity, 0, (size_t)a->width * (size_t)a->height)));
   ERN_TRY(table->zero(stream, ern_cl_whole(p->counter)));
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_render_torso, "render_torso", p->options);
-  ern_cl_rows(&call, a->pixel);
-  ern_cl_span(&call, a->opacity);
-  ern_cl_span(&call, a->grid);
-  ern_cl_span(&call, terms.rows);
-  ern_cl_span(&call, terms.columns);
-  ern_cl_int(&call, (int)terms.padded);
-  ern_cl_span(&call, ern_cl_whole(p->net));
-  ern_cl_span(&call, ern_cl_whole(p->levels));
-  ern_cl_span(&call, ern_cl_from(a->parameters, a->field->torso_table));
-  ern_cl_span(&call, ern_cl_whole(p->counter));
+  ERN_CL_ARGS(&call, a->pixel, a->opacity, a->grid, terms.rows, terms.columns, (int)terms.padded, ern_cl_whole(p->net),
+              ern_cl_whole(p->levels), ern_cl_from(a->parameters, a->field->torso_table), ern_cl_whole(p->counter));
   ern_cl_value(&call, &frame, sizeof frame);
   status = ern_cl_run(&call, ern_cl_groups(ern_cl_backend_of(stream), ERN_CL_SIZE_torso_groups), (size_t)p->form.group);
 fail:

@@ -15,12 +15,7 @@ enum {
 static ern_status scan_from(struct ern_stream *stream, ern_span first, ern_span total, ern_span count, ern_span base,
                             size_t items, size_t each, size_t n, size_t groups) {
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_scan, "scan", "");
-  ern_cl_span(&call, first);
-  ern_cl_span(&call, total);
-  ern_cl_span(&call, count);
-  ern_cl_span(&call, base);
-  ern_cl_size(&call, each);
-  ern_cl_size(&call, n);
+  ERN_CL_ARGS(&call, first, total, count, base, each, n);
   ern_cl_local(&call, items * sizeof(cl_ulong));
   return ern_cl_run(&call, groups, items);
 }
@@ -43,10 +38,7 @@ ern_status ern_cl_scan(struct ern_stream *stream, struct ern_scan_args *a) {
     ERN_TRY(ern_scratch_take(stream, ERN_ELEMENT_INT32, groups, &sum));
     ERN_TRY(ern_scratch_take(stream, ERN_ELEMENT_INT32, groups + 1, &base));
     struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_scan, "scan_sums", "");
-    ern_cl_span(&call, sum);
-    ern_cl_span(&call, count);
-    ern_cl_size(&call, each);
-    ern_cl_size(&call, n);
+    ERN_CL_ARGS(&call, sum, count, each, n);
     ern_cl_local(&call, items * sizeof(cl_ulong));
     ERN_TRY(ern_cl_run(&call, groups, items));
     ERN_TRY(scan_from(stream, base, halves, sum, none, items, groups / items + (groups % items != 0), groups, 1));

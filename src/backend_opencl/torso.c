@@ -61,9 +61,7 @@ static struct inverse inverse_of(const float pose[16]) {
 ern_status ern_cl_torso_pose_fwd(struct ern_stream *stream, struct ern_torso_pose_fwd_args *a) {
   const struct inverse inverse = inverse_of(a->pose);
   struct ern_cl_call call = begin(stream, "torso_pose_fwd");
-  ern_cl_span(&call, a->k);
-  ern_cl_span(&call, a->anchors);
-  ern_cl_span(&call, a->gamma);
+  ERN_CL_ARGS(&call, a->k, a->anchors, a->gamma);
   ern_cl_value(&call, &inverse, sizeof inverse);
   return ern_cl_run(&call, 1, 1);
 }
@@ -71,11 +69,7 @@ ern_status ern_cl_torso_pose_fwd(struct ern_stream *stream, struct ern_torso_pos
 ern_status ern_cl_torso_pose_bwd(struct ern_stream *stream, struct ern_torso_pose_bwd_args *a) {
   const struct inverse inverse = inverse_of(a->forward.pose);
   struct ern_cl_call call = begin(stream, "torso_pose_bwd");
-  ern_cl_span(&call, a->danchors);
-  ern_cl_span(&call, a->dgamma);
-  ern_cl_span(&call, a->dk);
-  ern_cl_span(&call, a->forward.anchors);
-  ern_cl_span(&call, a->forward.gamma);
+  ERN_CL_ARGS(&call, a->danchors, a->dgamma, a->dk, a->forward.anchors, a->forward.gamma);
   ern_cl_value(&call, &inverse, sizeof inverse);
   return ern_cl_run(&call, 1, 1);
 }
@@ -84,36 +78,20 @@ ern_status ern_cl_torso_pose_bwd(struct ern_stream *stream, struct ern_torso_pos
 
 ern_status ern_cl_torso_coords(struct ern_stream *stream, struct ern_torso_coords_args *a) {
   struct ern_cl_call call = begin(stream, "torso_coords");
-  ern_cl_rows(&call, a->q);
-  ern_cl_span(&call, a->pixel);
-  ern_cl_int(&call, a->width);
-  ern_cl_int(&call, a->height);
-  ern_cl_float(&call, a->shrink);
-  ern_cl_size(&call, a->n);
+  ERN_CL_ARGS(&call, a->q, a->pixel, a->width, a->height, a->shrink, a->n);
   return ern_cl_each(&call, a->n);
 }
 
 static ern_status find_reached(struct ern_stream *stream, const struct ern_torso_select_args *a, ern_span reached) {
   struct ern_cl_call call = begin(stream, "torso_reached");
-  ern_cl_span(&call, reached);
-  ern_cl_span(&call, a->pixel);
-  ern_cl_span(&call, a->grid);
-  ern_cl_float(&call, a->threshold);
-  ern_cl_int(&call, a->width);
-  ern_cl_int(&call, a->height);
-  ern_cl_size(&call, a->n);
+  ERN_CL_ARGS(&call, reached, a->pixel, a->grid, a->threshold, a->width, a->height, a->n);
   return ern_cl_each(&call, a->n);
 }
 
 static ern_status gather(struct ern_stream *stream, const struct ern_torso_select_args *a, ern_span reached,
                          ern_span first) {
   struct ern_cl_call call = begin(stream, "torso_gather");
-  ern_cl_span(&call, a->index);
-  ern_cl_span(&call, a->selected);
-  ern_cl_span(&call, reached);
-  ern_cl_span(&call, first);
-  ern_cl_span(&call, a->pixel);
-  ern_cl_size(&call, a->n);
+  ERN_CL_ARGS(&call, a->index, a->selected, reached, first, a->pixel, a->n);
   return ern_cl_each(&call, a->n);
 }
 
@@ -138,20 +116,13 @@ fail:
 
 ern_status ern_cl_torso_deform_fwd(struct ern_stream *stream, struct ern_torso_deform_fwd_args *a) {
   struct ern_cl_call call = begin(stream, "torso_deform_fwd");
-  ern_cl_rows(&call, a->x);
-  ern_cl_rows(&call, a->q);
-  ern_cl_rows(&call, a->d);
-  ern_cl_size(&call, a->n);
+  ERN_CL_ARGS(&call, a->x, a->q, a->d, a->n);
   return ern_cl_each(&call, a->n);
 }
 
 ern_status ern_cl_torso_deform_bwd(struct ern_stream *stream, struct ern_torso_deform_bwd_args *a) {
   struct ern_cl_call call = begin(stream, "torso_deform_bwd");
-  ern_cl_rows(&call, a->dd);
-  ern_cl_rows(&call, a->dx);
-  ern_cl_rows(&call, a->forward.q);
-  ern_cl_rows(&call, a->forward.d);
-  ern_cl_size(&call, a->forward.n);
+  ERN_CL_ARGS(&call, a->dd, a->dx, a->forward.q, a->forward.d, a->forward.n);
   return ern_cl_each(&call, a->forward.n);
 }
 
@@ -162,10 +133,7 @@ static ern_status leave_untouched(struct ern_stream *stream, const struct ern_to
   const bool in_place = to.buffer == from.buffer && to.at == from.at;
   if (in_place && a->opacity.buffer == NULL) return ERN_OK;
   struct ern_cl_call call = begin(stream, "torso_untouched");
-  ern_cl_rows(&call, a->pixel);
-  ern_cl_span(&call, a->opacity);
-  ern_cl_rows(&call, in_place ? (ern_rows){0} : a->background);
-  ern_cl_size(&call, a->rays);
+  ERN_CL_ARGS(&call, a->pixel, a->opacity, in_place ? (ern_rows){0} : a->background, a->rays);
   return ern_cl_each(&call, a->rays);
 }
 
@@ -173,23 +141,13 @@ ern_status ern_cl_torso_composite_fwd(struct ern_stream *stream, struct ern_tors
   const ern_status status = leave_untouched(stream, a);
   if (status != ERN_OK) return status;
   struct ern_cl_call call = begin(stream, "torso_composite_fwd");
-  ern_cl_rows(&call, a->pixel);
-  ern_cl_span(&call, a->opacity);
-  ern_cl_rows(&call, a->layer);
-  ern_cl_span(&call, a->index);
-  ern_cl_rows(&call, a->background);
-  ern_cl_size(&call, a->n);
+  ERN_CL_ARGS(&call, a->pixel, a->opacity, a->layer, a->index, a->background, a->n);
   return ern_cl_each(&call, a->n);
 }
 
 ern_status ern_cl_torso_composite_bwd(struct ern_stream *stream, struct ern_torso_composite_bwd_args *a) {
   struct ern_cl_call call = begin(stream, "torso_composite_bwd");
-  ern_cl_rows(&call, a->dlayer);
-  ern_cl_rows(&call, a->dpixel);
-  ern_cl_rows(&call, a->forward.layer);
-  ern_cl_span(&call, a->forward.index);
-  ern_cl_rows(&call, a->forward.background);
-  ern_cl_size(&call, a->forward.n);
+  ERN_CL_ARGS(&call, a->dlayer, a->dpixel, a->forward.layer, a->forward.index, a->forward.background, a->forward.n);
   return ern_cl_each(&call, a->forward.n);
 }
 
@@ -197,11 +155,7 @@ ern_status ern_cl_torso_composite_bwd(struct ern_stream *stream, struct ern_tors
 
 ern_status ern_cl_torso_points(struct ern_stream *stream, struct ern_torso_points_args *a) {
   struct ern_cl_call call = begin(stream, "torso_points");
-  ern_cl_rows(&call, a->q);
-  ern_cl_float(&call, a->shrink);
-  ern_cl_size(&call, a->seed);
-  ern_cl_size(&call, a->step);
-  ern_cl_int(&call, ERN_RNG_REFRESH_CELL);
+  ERN_CL_ARGS(&call, a->q, a->shrink, a->seed, a->step, ERN_RNG_REFRESH_CELL);
   return ern_cl_each(&call, ERN_TORSO_CELLS);
 }
 
@@ -221,9 +175,7 @@ static ern_status mean_of(struct ern_stream *stream, ern_span grid, double *mean
 
 ern_status ern_cl_torso_update(struct ern_stream *stream, struct ern_torso_update_args *a) {
   struct ern_cl_call call = begin(stream, "torso_update");
-  ern_cl_span(&call, a->grid);
-  ern_cl_span(&call, a->alpha);
-  ern_cl_float(&call, a->decay);
+  ERN_CL_ARGS(&call, a->grid, a->alpha, a->decay);
   const ern_status status = ern_cl_each(&call, ERN_TORSO_CELLS);
   return status == ERN_OK ? mean_of(stream, a->grid, &a->mean) : status;
 }

@@ -24,6 +24,34 @@ void ern_cl_size(struct ern_cl_call *call, size_t value); /* ulong */
 void ern_cl_float(struct ern_cl_call *call, float value);
 void ern_cl_value(struct ern_cl_call *call, const void *value, size_t bytes); /* a struct */
 void ern_cl_local(struct ern_cl_call *call, size_t bytes);
+/* ERN_CL_ARGS(call, a, b, ...): the next arguments, 16 at most, each by its type: ern_span, ern_rows, int, size_t or
+ * float. */
+/* clang-format off */
+#define ERN_CL_ARG(call, value)                                                                                      \
+  _Generic((value), ern_span: ern_cl_span, ern_rows: ern_cl_rows, int: ern_cl_int, size_t: ern_cl_size,              \
+           float: ern_cl_float)(call, value)
+/* clang-format on */
+#define ERN_CL_ARGS_1(call, a) ERN_CL_ARG(call, a)
+#define ERN_CL_ARGS_2(call, a, ...) ERN_CL_ARG(call, a), ERN_CL_ARGS_1(call, __VA_ARGS__)
+#define ERN_CL_ARGS_3(call, a, ...) ERN_CL_ARG(call, a), ERN_CL_ARGS_2(call, __VA_ARGS__)
+#define ERN_CL_ARGS_4(call, a, ...) ERN_CL_ARG(call, a), ERN_CL_ARGS_3(call, __VA_ARGS__)
+#define ERN_CL_ARGS_5(call, a, ...) ERN_CL_ARG(call, a), ERN_CL_ARGS_4(call, __VA_ARGS__)
+#define ERN_CL_ARGS_6(call, a, ...) ERN_CL_ARG(call, a), ERN_CL_ARGS_5(call, __VA_ARGS__)
+#define ERN_CL_ARGS_7(call, a, ...) ERN_CL_ARG(call, a), ERN_CL_ARGS_6(call, __VA_ARGS__)
+#define ERN_CL_ARGS_8(call, a, ...) ERN_CL_ARG(call, a), ERN_CL_ARGS_7(call, __VA_ARGS__)
+#define ERN_CL_ARGS_9(call, a, ...) ERN_CL_ARG(call, a), ERN_CL_ARGS_8(call, __VA_ARGS__)
+#define ERN_CL_ARGS_10(call, a, ...) ERN_CL_ARG(call, a), ERN_CL_ARGS_9(call, __VA_ARGS__)
+#define ERN_CL_ARGS_11(call, a, ...) ERN_CL_ARG(call, a), ERN_CL_ARGS_10(call, __VA_ARGS__)
+#define ERN_CL_ARGS_12(call, a, ...) ERN_CL_ARG(call, a), ERN_CL_ARGS_11(call, __VA_ARGS__)
+#define ERN_CL_ARGS_13(call, a, ...) ERN_CL_ARG(call, a), ERN_CL_ARGS_12(call, __VA_ARGS__)
+#define ERN_CL_ARGS_14(call, a, ...) ERN_CL_ARG(call, a), ERN_CL_ARGS_13(call, __VA_ARGS__)
+#define ERN_CL_ARGS_15(call, a, ...) ERN_CL_ARG(call, a), ERN_CL_ARGS_14(call, __VA_ARGS__)
+#define ERN_CL_ARGS_16(call, a, ...) ERN_CL_ARG(call, a), ERN_CL_ARGS_15(call, __VA_ARGS__)
+#define ERN_CL_ARGS_OF(_1, _2, _3, _4, _5, _6, _7, _8, _9, _10, _11, _12, _13, _14, _15, _16, count, ...) \
+  ERN_CL_ARGS_##count
+#define ERN_CL_ARGS(call, ...) \
+  (ERN_CL_ARGS_OF(__VA_ARGS__, 16, 15, 14, 13, 12, 11, 10, 9, 8, 7, 6, 5, 4, 3, 2, 1, 0)(call, __VA_ARGS__))
+
 /* `groups` work-groups of `group` items; 0 groups: nothing is run. */
 ERN_NODISCARD ern_status ern_cl_run(struct ern_cl_call *call, size_t groups, size_t group);
 /* At least `items` work-items, in groups that suit the device; the kernel must check its global id. */
