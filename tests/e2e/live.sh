@@ -179,7 +179,7 @@ refused 1 $status "is no socket"
 
 # words that contradict each other
 for words in "-o x.mp4" "--control - --audio - -o x.mp4" "--audio clip/aud.wav" "--audio clip/aud.wav -o x.mp4 --frames 0:3" \
-  "--control - -o x.mp4 --as-fast" "--audio clip/aud.wav -o x.mp4 --as-fast --stay" "--set audio-rate=8000 --duration 1 -o x.mp4" "--voice de --audio clip/aud.wav -o x.mp4" \
+  "--control - -o x.mp4 --as-fast" "--audio clip/aud.wav -o x.mp4 --as-fast --stay" "--set audio-rate=8000 --duration 1 -o x.mp4" "--set audio-rate=8000 --audio clip/aud.wav -o x.mp4" "--voice de --audio clip/aud.wav -o x.mp4" \
   "--speech-model x.onnx --audio clip/aud.wav -o x.mp4"; do
   status=0; live $words 2> err.txt < /dev/null || status=$?
   [ $status = 2 ] || fail "\"$words\": exit status $status: $(cat err.txt)"

@@ -440,8 +440,10 @@ static int refuse_set(const struct args *args, const char *name) {
   const ern_setting *setting;
   size_t count = 0;
   for (int g = 0; g < ARGS_GROUPS; g++)
-    for (size_t i = 0; i < args->groups[g].count; i++)
-      if (args->groups[g].options[i].seldom && count < NAMES) names[count++] = args->groups[g].options[i].name;
+    for (size_t i = 0; i < args->groups[g].count; i++) {
+      const struct option *option = &args->groups[g].options[i];
+      if (option->seldom && !option->unlisted && count < NAMES) names[count++] = option->name;
+    }
   for (size_t i = 0; args->settings != NULL && (setting = args->settings->row(i)) != NULL && count < NAMES; i++)
     if (setting_is_offered(args->settings, setting))
       names[count] = setting_option_name(setting->name, copies[count]), count++;

@@ -137,8 +137,11 @@ static int check_usage(struct live_job *job, const struct args *args) {
       strcmp(job->commands.path, "-") == 0)
     return args_refuse(args, "--audio - and --control - both take standard input");
   if (job->sound.url == NULL) status = args_forbid(args, "audio-format audio-rate audio-channels", "is about --audio");
+  if (status < 0 && job->sound.format == NULL)
+    status = args_forbid(args, "audio-rate audio-channels", "is about sound without a header: --audio-format names it");
   if (status < 0) status = check_unlisted(args);
   if (status < 0) status = check_video(job, args);
+  if (status < 0 && job->size.width == 0) status = args_forbid(args, "fit", "needs --size");
   if (status < 0 && job->commands.path == NULL) status = args_forbid(args, "voice", "is about --control");
   if (status < 0 && is_uncompressed(&job->output))
     status = args_forbid(args, "crf preset", "is for a compressed stream, which y4m, nut and raw are not");

@@ -115,7 +115,7 @@ static void keep_useful(struct rate_control *g, struct look *look) {
   bool out[LOOK_RUNGS];
   size_t kept = 0;
   for (size_t i = 0; i < g->count; i++) {
-    g->rung[i].ms = quartiles_of(look->readings[i], LOOK_TURNS).median;
+    g->rung[i].ms = fmax(quartiles_of(look->readings[i], LOOK_TURNS).median, 1e-3); /* a clock may stand still */
     g->rung[i].db = mean_of(look->db[i], LOOK_FRAMES).mean;
   }
   for (size_t i = 0; i < g->count; i++) out[i] = is_dominated(g, i);
