@@ -4,7 +4,7 @@
 #ifndef ERN_CORE_SETTING_TABLE_H
 #define ERN_CORE_SETTING_TABLE_H
 
-#include "core/types.h"
+#include "core/sized.h"
 #include "ernerf/setting.h"
 
 /* Name and place of a member of `config`, which does not compile where its type is another. */
@@ -13,8 +13,7 @@
   .at = offsetof(config, member) + 0 * sizeof(char[_Generic(&((config *)0)->member, type_ * : 1, default \
                                                             : -1)])
 
-/* Rows of the struct ERN_SETTINGS, which a file that has a table defines: {ERN_ROW_INT(levels, 0, 24, 0), .help = ""}
- */
+/* Rows of the struct ERN_SETTINGS, which a file with a table defines: {ERN_ROW_INT(levels, 0, 24, 0), .help = "..."} */
 #define ERN_ROW_BOOL(member) ERN_SETTING_OF(ERN_SETTINGS, ERN_SETTING_BOOL, bool, member), .most = 1
 #define ERN_ROW_NUMBER(kind, type, member, low, high, value) \
   ERN_SETTING_OF(ERN_SETTINGS, kind, type, member), .least = (low), .most = (high), .fallback = (value)
@@ -36,5 +35,20 @@ void ern_settings_reset(const ern_setting *table, size_t rows, void *config);
 /* ERN_E_ARGUMENT where a member is outside of its range. `what`: the first word of the message. */
 ERN_NODISCARD ern_status ern_settings_check(ern_context *context, const char *what, const ern_setting *table,
                                             size_t rows, const void *config);
+
+/* What follows from `table`, the rows of all members of `type`: ern_NOUN_setting(index), TYPE_fill(options, bytes) and
+ * ern_NOUN_settings_check(context, options). cookie: that of a struct whose defaults were filled in. */
+#define ERN_SETTINGS_FUNCTIONS(noun, type, cookie_)                                          \
+  const ern_setting *ern_##noun##_setting(size_t index) {                                    \
+    return index < sizeof table / sizeof *table ? &table[index] : NULL;                      \
+  }                                                                                          \
+  void type##_fill(type *options, size_t bytes) {                                            \
+    type own = {.cookie = (cookie_)};                                                        \
+    ern_settings_reset(table, sizeof table / sizeof *table, &own);                           \
+    ern_config_copy_out(options, bytes, &own, sizeof own);                                   \
+  }                                                                                          \
+  ern_status ern_##noun##_settings_check(ern_context *context, const type *options) {        \
+    return ern_settings_check(context, #noun, table, sizeof table / sizeof *table, options); \
+  }
 
 #endif

@@ -2,7 +2,6 @@
  * The table of a preparation's settings: one row for each member of ern_prepare_options, in their order. */
 #define ERN_SETTINGS ern_prepare_options
 #include "core/setting_table.h"
-#include "core/sized.h"
 #include "prepare/prepare_job.h"
 
 typedef int (*progress_function)(void *user, const char *step, size_t done, size_t total);
@@ -27,16 +26,5 @@ static const ern_setting table[] = {
     {ERN_ROW_TEXT(segment)},
     {ERN_ROW_TEXT(detector)},
 };
-enum { ROWS = sizeof table / sizeof *table };
 
-const ern_setting *ern_prepare_setting(size_t index) { return index < ROWS ? &table[index] : NULL; }
-
-void ern_prepare_options_fill(ern_prepare_options *options, size_t bytes) {
-  ern_prepare_options own = {.cookie = 0x70726570};
-  ern_settings_reset(table, ROWS, &own);
-  ern_config_copy_out(options, bytes, &own, sizeof own);
-}
-
-ern_status ern_prepare_settings_check(ern_context *context, const ern_prepare_options *options) {
-  return ern_settings_check(context, "prepare", table, ROWS, options);
-}
+ERN_SETTINGS_FUNCTIONS(prepare, ern_prepare_options, 0x70726570)

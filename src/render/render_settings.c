@@ -3,11 +3,8 @@
  * checks, the program's options and the Python module's structure follow from it. */
 #define ERN_SETTINGS ern_render_options
 #include "core/setting_table.h"
-#include "core/sized.h"
 #include "render/march_ops.h"
 #include "render/renderer_state.h"
-
-enum { OPTIONS_COOKIE = 0x45524e33 };
 
 static const ern_setting table[] = {
     {ERN_ROW_INT(threads, 0, ERN_THREADS_MOST, 0), .help = "threads; 0: one a core"},
@@ -26,16 +23,5 @@ static const ern_setting table[] = {
      .help = "render the head at so many times the picture's size, and enlarge it; torso and background stay sharp"},
     {ERN_ROW_BOOL(no_torso), .help = "do not draw the model's torso"},
 };
-enum { ROWS = sizeof table / sizeof *table };
 
-const ern_setting *ern_render_setting(size_t index) { return index < ROWS ? &table[index] : NULL; }
-
-void ern_render_options_fill(ern_render_options *options, size_t bytes) {
-  ern_render_options own = {.cookie = OPTIONS_COOKIE};
-  ern_settings_reset(table, ROWS, &own);
-  ern_config_copy_out(options, bytes, &own, sizeof own);
-}
-
-ern_status ern_render_settings_check(ern_context *context, const ern_render_options *options) {
-  return ern_settings_check(context, "render", table, ROWS, options);
-}
+ERN_SETTINGS_FUNCTIONS(render, ern_render_options, 0x45524e33)

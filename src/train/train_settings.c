@@ -6,12 +6,9 @@
 #include "train/train_settings.h"
 
 #include "core/setting_table.h"
-#include "core/sized.h"
 #include "model/view_settings.h"
 #include "render/march_ops.h"
 #include "train/patches_ops.h"
-
-enum { CONFIG_COOKIE = 0x45524e34 };
 
 static const ern_setting table[] = {
     {ERN_ROW_BOOL(torso), .group = "files"},
@@ -132,19 +129,7 @@ static const ern_setting table[] = {
              "of the clip's background; no: the clip's torso picture and background, as published"},
 };
 
-enum { ROWS = sizeof table / sizeof *table };
-
-const ern_setting *ern_train_setting(size_t index) { return index < ROWS ? &table[index] : NULL; }
-
-void ern_train_config_fill(ern_train_config *config, size_t bytes) {
-  ern_train_config own = {.cookie = CONFIG_COOKIE};
-  ern_settings_reset(table, ROWS, &own);
-  ern_config_copy_out(config, bytes, &own, sizeof own);
-}
-
-ern_status ern_train_settings_check(ern_context *context, const ern_train_config *config) {
-  return ern_settings_check(context, "train", table, ROWS, config);
-}
+ERN_SETTINGS_FUNCTIONS(train, ern_train_config, 0x45524e34)
 
 const char *ern_ray_sampling_name(ern_ray_sampling sampling) {
   static const char *const names[] = {"uniform", "regions", "dub"};

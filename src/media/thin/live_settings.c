@@ -2,7 +2,6 @@
  * The table of a live session's settings: one row for each member of ern_live_options, in their order. */
 #define ERN_SETTINGS ern_live_options
 #include "core/setting_table.h"
-#include "core/sized.h"
 #include "ernerf/live.h"
 #include "media/live/live_limits.h"
 
@@ -24,16 +23,5 @@ static const ern_setting table[] = {
     {ERN_ROW_POINTER(silence, const ern_silence *)},
     {ERN_ROW_POINTER(silence_code, const float *)},
 };
-enum { ROWS = sizeof table / sizeof *table };
 
-const ern_setting *ern_live_setting(size_t index) { return index < ROWS ? &table[index] : NULL; }
-
-void ern_live_options_fill(ern_live_options *options, size_t bytes) {
-  ern_live_options own = {.cookie = 0x45524e4c};
-  ern_settings_reset(table, ROWS, &own);
-  ern_config_copy_out(options, bytes, &own, sizeof own);
-}
-
-ern_status ern_live_settings_check(ern_context *context, const ern_live_options *options) {
-  return ern_settings_check(context, "live", table, ROWS, options);
-}
+ERN_SETTINGS_FUNCTIONS(live, ern_live_options, 0x45524e4c)
