@@ -41,6 +41,7 @@ static void test_seen_as_trained(void **state) {
       &cli, 0,
       "m.safetensors was trained with --scale 3 --set audio-pad=zero; it is drawn with --scale 4 --set audio-pad=edge",
       NULL);
+  assert_true(plain == eval_psnr("m.safetensors clip --max-steps 0 --dt-gamma -1 --torso-shrink 0")); /* as trained */
   assert_true(plain == eval_psnr("m.safetensors clip --dt-gamma 0.5"));
   cli_expect(&cli, 0, "--dt-gamma 0.5 changes nothing with 24 samples a ray", "--max-steps above 128", NULL);
   assert_null(strstr(cli.err, "was trained with"));

@@ -56,28 +56,25 @@ void portrait_options(struct portrait *portrait, enum frame_source_split split,
     source[1].help = "maximum memory for decoded frames of the clip, such as 512M (default: none is kept)";
 }
 
-/* Options that were not given take the training's values. Options that were given take precedence, with a warning if
- * the model differs. */
+/* Settings that stand for the training's values take those. Others take precedence, with a warning if the model
+ * differs. */
 static void take_view(struct portrait *portrait, struct session *session, const struct args *args) {
   const ern_model_info *info = &portrait->info;
   ern_render_options *render = &portrait->render;
-  const bool shrink = args_given(args, "torso-shrink"), scale = args_given(args, "scale"),
-             gamma = args_given(args, "dt-gamma"), steps = args_given(args, "max-steps"),
-             pad = args_given(args, "audio-pad");
   struct bytes trained = {0}, asked = {0};
-  if (!shrink) render->torso_shrink = info->torso_shrink;
-  if (!scale) portrait->scale = info->scale;
-  if (!gamma) render->dt_gamma = info->dt_gamma;
-  if (!steps) render->max_steps = info->max_steps;
-  if (!pad) portrait->audio_pad = (int)info->audio_pad;
+  if (render->torso_shrink == 0) render->torso_shrink = info->torso_shrink;
+  if (!args_given(args, "scale")) portrait->scale = info->scale;
+  if (render->dt_gamma < 0) render->dt_gamma = info->dt_gamma;
+  if (render->max_steps == 0) render->max_steps = info->max_steps;
+  if (!args_given(args, "audio-pad")) portrait->audio_pad = (int)info->audio_pad;
   const bool spaced = render->max_steps > SESSION_EVEN_STEPS;
   const struct {
     const char *name;
     double trained, asked;
   } numbers[] = {{"scale", (double)info->scale, (double)portrait->scale},
-                 {"dt_gamma", (double)info->dt_gamma, (double)render->dt_gamma},
-                 {"max_steps", info->max_steps, render->max_steps},
-                 {"torso_shrink", (double)info->torso_shrink, (double)render->torso_shrink}};
+                 {"dt-gamma", (double)info->dt_gamma, (double)render->dt_gamma},
+                 {"max-steps", info->max_steps, render->max_steps},
+                 {"torso-shrink", (double)info->torso_shrink, (double)render->torso_shrink}};
   for (size_t i = 0; i < sizeof numbers / sizeof *numbers; i++) {
     if (numbers[i].trained == numbers[i].asked || (i == 3 && !info->has_torso) || (i == 1 && !spaced)) continue;
     bytes_print(&trained, " --%s %.6g", numbers[i].name, numbers[i].trained);
