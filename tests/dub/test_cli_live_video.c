@@ -178,7 +178,7 @@ static void test_refused(void **state) {
   cli_run(&cli, "live h.safetensors --clip clip --duration 1 --fit cover -o no.mp4");
   cli_expect(&cli, 2, "--fit needs --size", NULL);
   cli_run(&cli, "live h.safetensors --clip clip --duration 1 --set smooth_lips=yes -o no.mp4");
-  cli_expect(&cli, 2, "there is no such setting, the nearest is smooth_eye", NULL);
+  cli_expect(&cli, 2, "there is no such setting, the nearest is smooth-eye", NULL);
   cli_run(&cli, LIVE "--size 48x48");
   cli_expect(&cli, 1, "--size is 48x48, expected 132x96, that of clip.mp4", NULL);
   cli_run(&cli, "live h.safetensors --clip clip --video clip.mp4 --duration 1 -o clip.mp4 -y");
