@@ -6,7 +6,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/stat.h>
 
 #include "ernerf/model.h"
 
@@ -18,29 +17,18 @@ static int fail_record(struct session *session, const char *record, const char *
                            why);
 }
 
-/* Whether the file has the hash of the record, or, where that has none, its size. */
-static int check_same(const struct recorded_video *video, struct session *session, const char *clip, const json_t *root,
-                      const json_t *crop) {
+/* Whether the file has the hash of the record. */
+static int check_same(const struct recorded_video *video, struct session *session, const char *record, const char *clip,
+                      const json_t *root, const json_t *crop) {
   const char *hash = json_string_value(json_object_get(crop, "sha256")), *name = NULL;
-  const json_int_t bytes = json_integer_value(json_object_get(json_object_get(root, "source"), "bytes"));
   char found[65];
-  struct stat about;
   name = json_string_value(json_object_get(root, "video"));
-  if (name == NULL) name = "another video";
-  if (hash != NULL) {
-    if (ern_file_sha256(session->context, video->path, found) != ERN_OK) return session_fail(session);
-    if (strcmp(hash, found) == 0) return 0;
-    return session_fail_with(session,
-                             "%s: is not the video of %s, which was prepared from %s: found SHA-256 %.12s, "
-                             "expected %.12s",
-                             video->path, clip, name, found, hash);
-  }
-  if (stat(video->path, &about) != 0) return session_fail_with(session, "%s: cannot be read", video->path);
-  if ((json_int_t)about.st_size == bytes) return 0;
-  return session_fail_with(session,
-                           "%s: is not the video of %s, which was prepared from %s: found %lld bytes, expected "
-                           "%lld",
-                           video->path, clip, name, (long long)about.st_size, (long long)bytes);
+  if (hash == NULL) return fail_record(session, record, "\"crop\" has no \"sha256\"");
+  if (ern_file_sha256(session->context, video->path, found) != ERN_OK) return session_fail(session);
+  if (strcmp(hash, found) == 0) return 0;
+  return session_fail_with(
+      session, "%s: is not the video of %s, which was prepared from %s: found SHA-256 %.12s, expected %.12s",
+      video->path, clip, name != NULL ? name : "another video", found, hash);
 }
 
 static int read_square(struct recorded_video *video, struct session *session, const char *record, const json_t *crop) {
@@ -133,7 +121,7 @@ int recorded_video_open(struct recorded_video *video, struct session *session, c
   if (status == 0 && ern_video_reader_open(session->context, path, &video->reader) != ERN_OK)
     status = session_fail(session);
   /* the file that is open, not one that takes its name later, is the one whose hash is known */
-  if (status == 0) status = check_same(video, session, clip, root, crop);
+  if (status == 0) status = check_same(video, session, record, clip, root, crop);
   if (status == 0) {
     ern_video_reader_info(video->reader, &video->info);
     status = read_square(video, session, record, crop);
