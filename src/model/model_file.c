@@ -430,7 +430,11 @@ static ern_status check_tensors(ern_context *context, const struct ern_tensor_fi
 static ern_status read_config(ern_context *context, const struct ern_tensor_file *file, const char *path,
                               struct ern_model_config *config, ern_model *identity) {
   const char *text = ern_tensor_file_metadata(file, "ernerf"), *steps = ern_tensor_file_metadata(file, "global_step");
-  if (text != NULL) return read_metadata(context, text, path, config, identity);
+  if (text != NULL) {
+    const ern_status read = read_metadata(context, text, path, config, identity);
+    if (ern_tensor_file_metadata(file, "torch") != NULL) config->window_length = 0; /* a .pth does not say it */
+    return read;
+  }
   const ern_status status = config_from_shapes(context, file, path, config);
   if (status != ERN_OK || steps == NULL) return status;
   const unsigned long long number = strtoull(steps, NULL, 10);

@@ -177,9 +177,9 @@ static void test_words(void **state) {
                {"--quality good", "exact"},
                {"--hold-fps 0", "--hold-fps"},
                {"--hold-fps nan", "--hold-fps"},
-               {"--hold-fps 25 --max-steps 8", "max_steps"},
-               {"--hold-fps 25 --set image-scale=0.5", "image_scale"},
-               {"--hold-fps 25 --smooth-lips", "smooth_lips"},
+               {"--hold-fps 25 --max-steps 8", "max-steps"},
+               {"--hold-fps 25 --set image-scale=0.5", "image-scale"},
+               {"--hold-fps 25 --smooth-lips", "smooth-lips"},
                {"--set front=x.json", "--set front needs"},
                {"--hold-fps 25 --set front=x.json --isa ref", "isa"}};
   for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
