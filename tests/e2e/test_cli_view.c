@@ -81,6 +81,12 @@ static void test_torso_as_its_head(void **state) {
   cli_expect(&cli, 0, NULL);
   cli_run(&cli, "info t.safetensors");
   cli_expect_out(&cli, 0, "scale 3, dt_gamma 0.01, 24 samples a ray, torso_shrink 0.5, audio-pad zero\n", NULL);
+  const double recorded = eval_psnr("t.safetensors clip");
+  assert_true(recorded == eval_psnr("t.safetensors clip --torso-shrink 0.7")); /* the clip's pictures are drawn */
+  cli_expect(&cli, 0, "--torso-shrink changes nothing: below the head are the torso pictures of clip", NULL);
+  assert_null(strstr(cli.err, "as asked"));
+  eval_psnr("t.safetensors clip --torso model --torso-shrink 0.7");
+  cli_expect(&cli, 0, "t.safetensors was trained with --torso-shrink 0.5; it is drawn with --torso-shrink 0.7", NULL);
 }
 
 /* A setting that changes nothing beside the others is not taken in silence, and the greatest rate is one. */

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# What tools/portrait leaves where it is stopped or a training is refused, and how it goes on. A script stands in for ernerf: it notes its calls.
+# What tools/portrait leaves where it or tools/dub is stopped, or a training is refused, and how it goes on. A script stands in for ernerf: it notes its calls.
 # Usage: portrait_stopped.sh PORTRAIT FOLDER
 set -euo pipefail
 portrait=$1 folder=$2
@@ -25,6 +25,7 @@ esac
 END
 chmod +x ernerf
 echo video > person.mp4
+echo sound > words.wav
 made() { bash "$portrait" person.mp4 -o "$@" > err.log 2>&1; }
 
 # refused before any work: other options may follow
@@ -59,16 +60,20 @@ mkdir -p elsewhere/other/clip
 CDPATH=$folder/elsewhere made other || fail "CDPATH"
 cmp other/portrait.safetensors.clip made/portrait.safetensors.clip || fail "with CDPATH another clip was looked at"
 
-# stopped alone: the program is stopped too, and the script ends after it
-for signal in TERM HUP; do
-  : > calls.log
-  TRAIN=wait bash "$portrait" person.mp4 -o "stop_$signal" > err.log 2>&1 &
-  for tries in {1..100}; do ! grep -q waits calls.log || break; sleep 0.1; done
-  status=0
-  kill -s "$signal" $!
-  wait $! || status=$?
-  [ "$status" = "$((128 + $(kill -l "$signal")))" ] || fail "$signal: exit status $status"
-  grep -q ended calls.log || fail "$signal: the training goes on"
-  flock --nonblock "stop_$signal" true || fail "$signal: the folder is held still"
+# stopped alone: the program is stopped too, and the script ends after it; tools/dub passes the signal on
+for script in portrait dub; do
+  for signal in TERM HUP; do
+    : > calls.log
+    made=stop_${script}_$signal arguments=(-o "stop_${script}_$signal")
+    [ $script = portrait ] || arguments=(words.wav -o new.mp4 --folder "$made")
+    TRAIN=wait bash "${portrait%/*}/$script" person.mp4 "${arguments[@]}" > err.log 2>&1 &
+    for tries in {1..100}; do ! grep -q waits calls.log || break; sleep 0.1; done
+    status=0
+    kill -s "$signal" $!
+    wait $! || status=$?
+    [ "$status" = "$((128 + $(kill -l "$signal")))" ] || fail "$script: $signal: exit status $status"
+    grep -q ended calls.log || fail "$script: $signal: the training goes on"
+    flock --nonblock "$made" true || fail "$script: $signal: the folder is held still"
+  done
 done
 echo "portrait_stopped.sh: all goes on"

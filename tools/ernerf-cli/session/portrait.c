@@ -73,10 +73,9 @@ static void take_view(struct portrait *portrait, struct session *session, const 
     double trained, asked;
   } numbers[] = {{"scale", (double)info->scale, (double)portrait->scale},
                  {"dt-gamma", (double)info->dt_gamma, (double)render->dt_gamma},
-                 {"max-steps", info->max_steps, render->max_steps},
-                 {"torso-shrink", (double)info->torso_shrink, (double)render->torso_shrink}};
+                 {"max-steps", info->max_steps, render->max_steps}};
   for (size_t i = 0; i < sizeof numbers / sizeof *numbers; i++) {
-    if (numbers[i].trained == numbers[i].asked || (i == 3 && !info->has_torso) || (i == 1 && !spaced)) continue;
+    if (numbers[i].trained == numbers[i].asked || (i == 1 && !spaced)) continue;
     bytes_print(&trained, " --%s %.6g", numbers[i].name, numbers[i].trained);
     bytes_print(&asked, " --%s %.6g", numbers[i].name, numbers[i].asked);
   }
@@ -101,8 +100,6 @@ static int open_model(struct portrait *portrait, struct session *session, const 
   if (portrait->info.dub && !portrait->dubs)
     session_warn(session, "%s: was trained for `ernerf dub`: outside the lower face it is blurred",
                  portrait->model_path);
-  if (args_given(args, "torso-shrink") && !portrait->info.has_torso)
-    session_warn(session, "--torso-shrink changes nothing: %s has no torso", portrait->model_path);
   return 0;
 }
 
@@ -116,6 +113,23 @@ static void choose_torso(struct portrait *portrait, struct session *session, con
                  portrait->model_path, portrait->source.path);
   portrait->render.no_torso = true;
   portrait->info.has_torso = false;
+}
+
+/* After choose_torso: which torso is drawn depends on the clip and the motion too. */
+static void report_torso_shrink(const struct portrait *portrait, struct session *session) {
+  const ern_model_info *info = &portrait->info;
+  const float asked = portrait->render.torso_shrink;
+  if (asked == info->torso_shrink) return;
+  if (portrait->render.no_torso)
+    session_warn(session,
+                 "--torso-shrink changes nothing: below the head are the torso pictures of %s; --torso model draws the "
+                 "model's torso",
+                 portrait->source.path);
+  else if (!info->has_torso)
+    session_warn(session, "--torso-shrink changes nothing: %s has no torso", portrait->model_path);
+  else if (info->has_view_settings)
+    session_warn(session, "%s was trained with --torso-shrink %.6g; it is drawn with --torso-shrink %.6g, as asked",
+                 portrait->model_path, (double)info->torso_shrink, (double)asked);
 }
 
 static int check_identity(struct portrait *portrait, struct session *session) {
@@ -186,6 +200,7 @@ int portrait_open(struct portrait *portrait, struct session *session, const stru
   if (status == 0 && portrait->source.path != NULL) status = open_clip(portrait, session);
   if (status != 0) return status;
   choose_torso(portrait, session, args);
+  report_torso_shrink(portrait, session);
   portrait->render.threads = session->threads;
   if (session->backend == NULL && session_backend(session) != ERN_OK) return session_fail(session);
   if (ern_renderer_create(&portrait->renderer, session->backend, portrait->model, &portrait->render) != ERN_OK)
