@@ -37,7 +37,7 @@ void train_goal_options(struct train_job *job, struct option options[TRAIN_GOAL_
                "alone, as X.safetensors. With --resume or --from T includes the time before"},
       {ARGS_FLAG("paper", &job->paper),
        .help = "the published schedule, unless an option says otherwise: 100000 steps of 65536 rays, and by --set "
-               "ray_sampling=uniform, refresh-every=16, head-random-background=no, torso-random-background=no; no data "
+               "ray-sampling=uniform, refresh-every=16, head-random-background=no, torso-random-background=no; no data "
                "augmentation of the speech; with --fine-loss lpips a head has 125000 steps, the last 25000 of them in "
                "the fine stage"},
       {ARGS_FLAG("resume", &config->resume),
@@ -46,7 +46,7 @@ void train_goal_options(struct train_job *job, struct option options[TRAIN_GOAL_
       {ARGS_TEXT("from", &config->from), .choices = "FILE",
        .help = "start another training from the weights of a .safetensors or .pth file, with its levels, individual "
                "codes (a longer clip gets new ones for the other frames) and variants (backbone, attention, "
-               "eye_attention); if the file holds a training state, also from its step"},
+               "eye-attention); if the file holds a training state, also from its step"},
       {.name = "save-every",
        ARGS_SETTING(&job->chosen, "save_every"),
        .help = "steps between saves; 0: only at the end; with --time every minute"},
