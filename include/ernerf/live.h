@@ -58,7 +58,7 @@ typedef struct ern_live_options {
                                  copied. NULL (default): the mouth follows the sound alone */
 } ern_live_options;
 
-/* The members of ern_live_options in their order, cookie and size left out (setting.h); NULL from their number on. */
+/* The members of ern_live_options in their order, cookie and size left out (setting.h); NULL past the last. */
 ERN_API const ern_setting *ern_live_setting(size_t index);
 
 /* The defaults. */

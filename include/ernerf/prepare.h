@@ -49,8 +49,7 @@ typedef struct ern_prepare_options {
   const char *detector;
 } ern_prepare_options;
 
-/* The members of ern_prepare_options in their order, cookie and size left out (setting.h); NULL from their number on.
- */
+/* The members of ern_prepare_options in their order, cookie and size left out (setting.h); NULL past the last. */
 ERN_API const ern_setting *ern_prepare_setting(size_t index);
 
 /* The defaults. */

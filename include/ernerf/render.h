@@ -123,8 +123,7 @@ typedef struct ern_render_options {
   int threads;              /* of the CPU, 0..ERN_THREADS_MOST; 0 (default): one a core that this process may use.
                                OpenCL ignores it and logs a warning */
   int max_steps;            /* most samples a ray, 1..1024; 0 (default): the model's (ern_model_info) */
-  float dt_gamma;           /* growth of the sample spacing with distance, 0..1; below 0, at least -1
-                               (default): the model's */
+  float dt_gamma;           /* growth of the sample spacing with distance, 0..1; -1 (default) to below 0: the model's */
   float transmittance_stop; /* a ray ends when less than this share of its light is left, 0..0.99; default 1e-4, as
                                in training. `ernerf render` has 3e-3, which is faster and less accurate */
   float torso_shrink;       /* factor of the torso coordinates, above 0, at most 1; 0 (default): the model's */
@@ -140,7 +139,7 @@ typedef struct ern_render_options {
                                false */
 } ern_render_options;
 
-/* The members of ern_render_options in their order, cookie and size left out (setting.h); NULL from their number on. */
+/* The members of ern_render_options in their order, cookie and size left out (setting.h); NULL past the last. */
 ERN_API const ern_setting *ern_render_setting(size_t index);
 
 /* The defaults. */

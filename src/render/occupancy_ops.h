@@ -16,9 +16,8 @@ struct ern_occupancy_mark_args {
   size_t view_count;
   float bound;
 };
-#define ERN_COST_occupancy_mark(a)                                      \
-  ern_cost("cell", (a)->grid.count, 19 * (double)(a)->view_count, 1, 0, \
-           0) /* a centre into a camera 15, its place in the picture 4 */
+/* A centre into a camera 15, its place in the picture 4. */
+#define ERN_COST_occupancy_mark(a) ern_cost("cell", (a)->grid.count, 19 * (double)(a)->view_count, 1, 0, 0)
 typedef void ern_occupancy_mark_kernel(ern_real *grid, const struct ern_view *views, size_t view_count, float bound,
                                        uint32_t cell_begin, uint32_t cell_end);
 

@@ -16,9 +16,9 @@ struct ern_background_args {
   ern_span torso;      /* byte [n][4], alpha not multiplied in; zeroed: none */
   size_t n;
 };
-#define ERN_COST_background(a)                                                                              \
-  ern_cost("pixel", (a)->n, (a)->torso.buffer != NULL ? 13 : 3, 4, (a)->torso.buffer != NULL ? 1.75 : 0.75, \
-           0) /* bytes are a quarter of an int */
+/* Bytes are a quarter of an int. */
+#define ERN_COST_background(a) \
+  ern_cost("pixel", (a)->n, (a)->torso.buffer != NULL ? 13 : 3, 4, (a)->torso.buffer != NULL ? 1.75 : 0.75, 0)
 typedef void ern_background_kernel(ern_real *pixel, size_t stride, ern_real *opacity, const uint8_t *background,
                                    const uint8_t *torso, size_t n);
 

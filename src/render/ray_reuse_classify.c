@@ -15,8 +15,7 @@ enum {
   MOST_VALUES = 1 << 26 /* values kept, 256 MiB: a view with more is rendered in full */
 };
 
-/* ---- some of the rays ---------------------------------------------------------------------------------------------
- */
+/* ---- some of the rays -------------------------------------------------------------------------------------------- */
 
 ern_status ern_ray_reuse_render(ern_renderer *r, const struct ern_render_rays_args *all, ern_span list, ern_span ray,
                                 struct ern_render_rays_args *some) {

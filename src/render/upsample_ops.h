@@ -18,9 +18,9 @@ struct ern_upsample_args {
   int width, height, small_width, small_height; /* of both pictures, >= 1 */
   float ratio;                                  /* small over large, 0..1 */
 };
-#define ERN_COST_upsample(a)                                                                                   \
-  ern_cost("pixel", (size_t)(a)->width *(size_t)(a)->height, 14.0 * (a)->large.rows, 2.0 * (a)->large.rows, 0, \
-           0) /* 7 multiply-adds for each channel and intermediate column, 7 for the rows */
+/* 7 multiply-adds for each channel and intermediate column, 7 for the rows. */
+#define ERN_COST_upsample(a) \
+  ern_cost("pixel", (size_t)(a)->width *(size_t)(a)->height, 14.0 * (a)->large.rows, 2.0 * (a)->large.rows, 0, 0)
 /* The same with pointers. */
 struct ern_upsample_view {
   ern_real *large;

@@ -387,8 +387,7 @@ static int take_value(const struct args *args, struct option *option, const char
   }
 }
 
-/* ---- an option ----------------------------------------------------------------------------------------------------
- */
+/* ---- an option --------------------------------------------------------------------------------------------------- */
 
 /* Takes the option in argv[0] and its values; *used: number of arguments taken. `value`: the text after '='. */
 static int take_option(const struct args *args, struct option *option, const char *value, int argc, char **argv,

@@ -136,8 +136,7 @@ static cost cost_audio(const struct ern_audio_net *net, bool backward, size_t re
                 .bytes = (in + (backward ? 3 : 1) * (double)net->count) * (double)real};
 }
 
-/* ---- the others, whose cost stands with their arguments ------------------------------------------------------------
- */
+/* ---- the others, whose cost stands with their arguments ---------------------------------------------------------- */
 
 static cost cost_by_item(const struct ern_bench_call *call, size_t real) {
   static const char *const names[] = {
