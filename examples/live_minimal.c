@@ -53,6 +53,7 @@ static ern_status session_open(struct session *session) {
   reader.rate = live.rate = stream.sound_rate = SAMPLE_RATE;
   stream.sound_channels = 1;
   live.pad = portrait->info.audio_pad;
+  live.speech = portrait->info.speech;
   live.rate_numerator = stream.rate_numerator = portrait->frame_rate;
   render.threads = 1; /* the sessions themselves are parallel */
   session->rgba = malloc(4 * (size_t)stream.width * (size_t)stream.height);
@@ -128,7 +129,7 @@ static ern_status portrait_open(ern_context *context, char **words, struct portr
   if (status == ERN_OK) status = ern_pose_list_load(context, words[2], &portrait->poses);
   if (status != ERN_OK) return status;
   ern_model_describe(portrait->model, &portrait->info);
-  if (strcmp(portrait->info.speech, ERN_SPEECH_CEPSTRA) != 0) {
+  if (ern_speech_width(portrait->info.speech) == 0) {
     fprintf(stderr, "%s: was trained on speech features that a live session does not compute\n", words[1]);
     return ERN_E_MISMATCH;
   }

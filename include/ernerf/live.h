@@ -29,8 +29,8 @@ enum { ERN_LIVE_LEAST_LOOK_AHEAD = 2, ERN_LIVE_LOOK_AHEAD = 7 };
 typedef struct ern_live_options {
   uint32_t cookie, size;    /* set by ern_live_options_default() */
   int rate, channels;       /* of the sound that is pushed: 1000..384000 samples a second, 1..8; default 48000, 1, as of
-                               ern_sound_reader_options. The session computes the built-in features
-                               (ERN_SPEECH_CEPSTRA) of all channels (ern_speech_stream_open) */
+                               ern_sound_reader_options. The session computes built-in features of all channels
+                               (ern_speech_stream_open_kind) */
   int window_length, width; /* of windows of features that are pushed instead of sound, 1..16, 1..4096; default 0, 0:
                                sound is pushed. A window has window_length vectors of `width` numbers and belongs to one
                                frame at 25 a second (ern_features) */
@@ -56,6 +56,8 @@ typedef struct ern_live_options {
                                  inserted silence counts as a pause. Must outlive the session */
   const float *silence_code;  /* [32] the silence code of a clip (ern_renderer_code), which the mouth takes in pauses;
                                  copied. NULL (default): the mouth follows the sound alone */
+  const char *speech;         /* built-in kind (speech.h) that the session computes of the sound that is pushed:
+                                 ern_model_info.speech; NULL (default): ERN_SPEECH_CEPSTRA; read by ern_live_open alone */
 } ern_live_options;
 
 /* The members of ern_live_options in their order, cookie and size left out (setting.h); NULL past the last. */
@@ -130,7 +132,7 @@ ERN_API ERN_NODISCARD ern_status ern_live_pull(ern_live *live, double wait, cons
 /* Renders a frame, before the next pull: ern_renderer_frame with windows and silence of `frame` in place of the
  * input's; `output` and `times` are as in that function. It renders a frame that is marked `repeat` too. Another thread
  * may push meanwhile. ERN_E_MISMATCH: the renderer's model takes features of another width or window length than the
- * session's (13 and 16 where sound is pushed: ern_model_info.speech is then ERN_SPEECH_CEPSTRA). The text of an error
+ * session's (where sound is pushed 16 vectors of the kind `speech`). The text of an error
  * is in the renderer's context. */
 ERN_API ERN_NODISCARD ern_status ern_live_draw_sized(const ern_live_frame *frame, ern_renderer *renderer,
                                                      const ern_frame_input *input, size_t input_bytes,

@@ -12,13 +12,23 @@
 extern "C" {
 #endif
 
-/* The built-in kind of features: 13 mel-frequency cepstral coefficients a row, 50 rows a second. A row is one vector of
- * features. The power of a row is divided by a level, the largest power of the rows so far; at each row that is within
- * 30 dB of it, the level decays with a time constant of 10 s (docs/speech.md, "cepstra-1"). Values have no unit and are
- * about -3 to 3. Models that were trained on this kind have the name in ern_model_info.speech;
- * ern_clip_options.asr_model calls the kind "cepstra". */
+/* The built-in kinds of features, which are computed of a sound without a network of the user's. 50 rows a second; a
+ * row is one vector of features. Models that were trained on a built-in kind have its name in ern_model_info.speech;
+ * ern_clip_options.asr_model calls the kinds "articulatory" and "cepstra" (docs/speech.md).
+ *
+ * ERN_SPEECH_ARTICULATORY: the 13 numbers of ERN_SPEECH_CEPSTRA, then 32 of -1.5 to 1.5, the last layer of a small
+ * network that was trained on speech of known phonemes to tell them and the places of jaw, lips and tongue. They tell
+ * of the sound 80 ms before the middle of the row's own 20 ms.
+ *
+ * ERN_SPEECH_CEPSTRA: 13 mel-frequency cepstral coefficients. The power of a row is divided by a level, the largest
+ * power of the rows so far; at each row that is within 30 dB of it, the level decays with a time constant of 10 s.
+ * Values have no unit and are about -3 to 3. */
+#define ERN_SPEECH_ARTICULATORY "articulatory-1"
 #define ERN_SPEECH_CEPSTRA "cepstra-1"
-enum { ERN_SPEECH_WIDTH = 13 }; /* coefficients a row */
+enum { ERN_SPEECH_WIDTH = 13, ERN_SPEECH_MOST_WIDTH = 45 }; /* of a row of ERN_SPEECH_CEPSTRA; of the widest kind */
+
+/* Numbers in a row of a built-in kind; 0 for NULL and any other kind. Any thread. */
+ERN_API int ern_speech_width(const char *kind);
 
 /* Computes rows of built-in features from sound that comes in piece by piece. One thread at a time uses a stream. */
 typedef struct ern_speech_stream ern_speech_stream;
@@ -29,6 +39,10 @@ typedef struct ern_speech_stream ern_speech_stream;
  * length. On success the caller owns *stream. */
 ERN_API ERN_NODISCARD ern_status ern_speech_stream_open(ern_context *context, int rate, int channels, float warp,
                                                         ern_speech_stream **stream);
+/* As ern_speech_stream_open, which is this function for ERN_SPEECH_CEPSTRA, for any built-in kind. ERN_E_ARGUMENT:
+ * another kind, or NULL. */
+ERN_API ERN_NODISCARD ern_status ern_speech_stream_open_kind(ern_context *context, const char *kind, int rate,
+                                                             int channels, float warp, ern_speech_stream **stream);
 ERN_API void ern_speech_stream_free(ern_speech_stream **stream); /* accepts NULL and a pointer to NULL */
 
 /* samples: [frames][channels], full scale is 1. The rows are the same, bit for bit, however the sound is divided among
@@ -42,7 +56,7 @@ ERN_API ERN_NODISCARD ern_status ern_speech_stream_push(ern_speech_stream *strea
  * does nothing. After ERN_E_NO_MEMORY or ERN_E_MEDIA rows are missing, and every later push or end is ERN_E_STATE. */
 ERN_API ERN_NODISCARD ern_status ern_speech_stream_end(ern_speech_stream *stream);
 
-/* Moves up to `count` rows, the oldest first, into rows[count][ERN_SPEECH_WIDTH], and returns their number; 0 where a
+/* Moves up to `count` rows, the oldest first, into rows[count][width of the kind], and returns their number; 0 where a
  * pointer is NULL. Row r belongs to the sound from 0.02 r to 0.02 (r + 1) seconds. It is computed from that sound and
  * 2.5 ms more at either end. As sound is processed in pieces of 10 ms, it can be pulled when the sound up to
  * 0.02 r + 0.033 seconds has been pushed. The delay of the resampler is added to that: none at 16 kHz, about 2 ms at
@@ -57,6 +71,11 @@ ERN_API size_t ern_speech_stream_pull(ern_speech_stream *stream, float *rows, si
 ERN_API ERN_NODISCARD ern_status ern_speech_features(ern_context *context, const char *path, float warp,
                                                      ern_features *features);
 
+/* As ern_speech_features, which is this function for ERN_SPEECH_CEPSTRA, for any built-in kind: [windows][16][width].
+ * ERN_E_ARGUMENT: another kind, or NULL. */
+ERN_API ERN_NODISCARD ern_status ern_speech_features_kind(ern_context *context, const char *path, const char *kind,
+                                                          float warp, ern_features *features);
+
 /* Guesses the kind of features from their width: 29 "deepspeech", 44 "esperanto" (wav2vec2 for the language Esperanto,
  * which a script of the public program uses), 1024 "hubert". "" for any other width, also for ERN_SPEECH_WIDTH, which
  * features of other programs have too. The result is a string literal. */
@@ -64,10 +83,10 @@ ERN_API const char *ern_speech_kind(const ern_features *features);
 
 /* Reads the features in a .npy file, or computes the built-in features of a sound file. ern_speech_is_sound decides
  * which of the two the file is. kind: the kind that the model needs (ern_model_info.speech, which is "" where it is not
- * known); NULL: any. A sound is ERN_E_UNSUPPORTED unless kind is NULL or ERN_SPEECH_CEPSTRA, as every other kind needs
- * its network. Of a .npy file kind is not checked, as the file does not say it. ern_renderer_accepts compares its
- * width and window length with a model's; features of another kind and the same width pass. On success the caller owns
- * *features (ern_features_free). */
+ * known); NULL: any, and ERN_SPEECH_CEPSTRA of a sound. A sound is ERN_E_UNSUPPORTED for a kind that is not built in,
+ * as it needs its network. Of a .npy file kind is not checked, as the file does not say it. ern_renderer_accepts
+ * compares its width and window length with a model's; features of another kind and the same width pass. On success the
+ * caller owns *features (ern_features_free). */
 ERN_API ERN_NODISCARD ern_status ern_speech_open(ern_context *context, const char *path, const char *kind,
                                                  ern_features *features);
 

@@ -87,7 +87,8 @@ static ern_status read_all(const struct reading *reading, struct ern_speech_desc
   ern_status status = ERN_OK;
   ERN_TRY(check_names(reading));
   ERN_TRY(read_text(reading, "kind", lower, 1, sizeof d->kind, "1 to 63 of a-z 0-9 . _ -", d->kind));
-  if (strncmp(d->kind, "cepstra", 7) == 0) ERN_TRY(wrong(reading, "kind", "another name than that of a built-in kind"));
+  if (strncmp(d->kind, "cepstra", 7) == 0 || strncmp(d->kind, "articulatory", 12) == 0)
+    ERN_TRY(wrong(reading, "kind", "another name than that of a built-in kind"));
   ERN_TRY(read_number(reading, "rate", 8000, MOST_RATE, ROWS_A_SECOND, &d->rate));
   ERN_TRY(read_normalisation(reading, &d->normalisation));
   ERN_TRY(read_number(reading, "piece_samples", d->rate / ROWS_A_SECOND, MOST_SECONDS * d->rate, 1, &d->piece_samples));

@@ -8,23 +8,26 @@
 #include "core/floats.h"
 #include "core/memory.h"
 #include "ernerf/speech.h"
-#include "media/cepstra.h"
 #include "media/ffmpeg.h"
 #include "media/mono.h"
+#include "media/speech/articulatory.h"
+#include "media/speech/cepstra.h"
 
 enum { MOST_RATE = 384000, MOST_CHANNELS = ERN_MONO_MOST, HALF_OVERLAP = (ERN_CEPSTRA_FRAME - ERN_CEPSTRA_HOP) / 2 };
 
 struct ern_speech_stream {
   ern_context *context;
   int rate, channels;
+  size_t width; /* numbers a row */
   struct ern_cepstra *cepstra;
+  struct ern_articulatory *articulatory; /* NULL: rows are cepstra */
   SwrContext *resampler;
   struct ern_mono mono;
   float *wide, *block; /* [block_frames][channels] as pushed, [block_frames] mono, at the sound's rate: the resampler */
   size_t block_frames, filled; /* gets only whole blocks, so that rows do not depend on how the caller cut the sound */
   float frame[ERN_CEPSTRA_FRAME]; /* the first `waiting` samples of the next row */
   size_t waiting;                 /* samples in `frame` */
-  float *row;                     /* [row_capacity][13]: computed and not yet pulled */
+  float *row;                     /* [row_capacity][width]: computed and not yet pulled */
   size_t rows, row_capacity;
   uint64_t pushed, made; /* frames pushed; rows computed */
   bool ended;
@@ -41,9 +44,15 @@ static ern_status make_resampler(ern_speech_stream *s) {
 
 ern_status ern_speech_stream_open(ern_context *context, int rate, int channels, float warp,
                                   ern_speech_stream **stream) {
+  return ern_speech_stream_open_kind(context, ERN_SPEECH_CEPSTRA, rate, channels, warp, stream);
+}
+
+ern_status ern_speech_stream_open_kind(ern_context *context, const char *kind, int rate, int channels, float warp,
+                                       ern_speech_stream **stream) {
   ERN_PLAIN_FLOATS;
   if (stream != NULL) *stream = NULL;
   ERN_NEED(context, context);
+  ERN_NEED(context, kind);
   ERN_NEED(context, stream);
   ern_status status = ERN_OK;
   ern_speech_stream *s = NULL;
@@ -51,8 +60,10 @@ ern_status ern_speech_stream_open(ern_context *context, int rate, int channels, 
     return ern_fail(context, ERN_E_ARGUMENT,
                     "speech: sound has %d samples a second and %d channels, expected 1000 to %d and 1 to %d", rate,
                     channels, MOST_RATE, MOST_CHANNELS);
+  ERN_TRY(ern_speech_check_kind(context, kind));
   ERN_TRY(ern_cepstra_check_warp(context, warp));
   ERN_TRY(ERN_NEW(context, 1, &s));
+  s->width = (size_t)ern_speech_width(kind);
   s->context = context;
   s->rate = rate;
   s->channels = channels;
@@ -61,6 +72,7 @@ ern_status ern_speech_stream_open(ern_context *context, int rate, int channels, 
   ERN_TRY(ERN_NEW(context, s->block_frames * (size_t)channels, &s->wide));
   ERN_TRY(ERN_NEW(context, s->block_frames, &s->block));
   ERN_TRY(ern_cepstra_make(context, warp, &s->cepstra));
+  if (strcmp(kind, ERN_SPEECH_ARTICULATORY) == 0) ERN_TRY(ern_articulatory_make(context, &s->articulatory));
   ERN_TRY(make_resampler(s));
   *stream = s;
   return ERN_OK;
@@ -75,24 +87,32 @@ void ern_speech_stream_free(ern_speech_stream **stream) {
   *stream = NULL;
   swr_free(&s->resampler);
   ern_cepstra_free(s->context, s->cepstra);
+  ern_articulatory_free(s->context, s->articulatory);
   ern_release(s->context, s->wide);
   ern_release(s->context, s->block);
   ern_release(s->context, s->row);
   ern_release(s->context, s);
 }
 
+static void compute_row(ern_speech_stream *s, float *row) {
+  float band[ERN_CEPSTRA_BANDS];
+  const bool audible = ern_cepstra_bands(s->cepstra, s->frame, band);
+  ern_cepstra_row(s->cepstra, band, row);
+  if (s->articulatory != NULL) ern_articulatory_row(s->articulatory, band, audible, row + ERN_CEPSTRA_WIDTH);
+}
+
 static ern_status make_row(ern_speech_stream *s) {
   if (s->rows == s->row_capacity) {
     const size_t more = s->row_capacity > 0 ? 2 * s->row_capacity : 64;
     float *larger = NULL;
-    const ern_status status = ERN_NEW(s->context, more * ERN_CEPSTRA_WIDTH, &larger);
+    const ern_status status = ERN_NEW(s->context, more * s->width, &larger);
     if (status != ERN_OK) return status;
-    if (s->rows > 0) memcpy(larger, s->row, s->rows * ERN_CEPSTRA_WIDTH * sizeof *s->row);
+    if (s->rows > 0) memcpy(larger, s->row, s->rows * s->width * sizeof *s->row);
     ern_release(s->context, s->row);
     s->row = larger;
     s->row_capacity = more;
   }
-  ern_cepstra_row(s->cepstra, s->frame, s->row + s->rows++ * ERN_CEPSTRA_WIDTH);
+  compute_row(s, s->row + s->rows++ * s->width);
   s->made++;
   memmove(s->frame, s->frame + ERN_CEPSTRA_HOP, (ERN_CEPSTRA_FRAME - ERN_CEPSTRA_HOP) * sizeof *s->frame);
   s->waiting = ERN_CEPSTRA_FRAME - ERN_CEPSTRA_HOP;
@@ -187,8 +207,8 @@ size_t ern_speech_stream_pull(ern_speech_stream *stream, float *rows, size_t cou
   if (stream == NULL || rows == NULL) return 0;
   const size_t pulled = count < stream->rows ? count : stream->rows;
   if (pulled == 0) return 0;
-  memcpy(rows, stream->row, pulled * ERN_CEPSTRA_WIDTH * sizeof *rows);
+  memcpy(rows, stream->row, pulled * stream->width * sizeof *rows);
   stream->rows -= pulled;
-  memmove(stream->row, stream->row + pulled * ERN_CEPSTRA_WIDTH, stream->rows * ERN_CEPSTRA_WIDTH * sizeof *rows);
+  memmove(stream->row, stream->row + pulled * stream->width, stream->rows * stream->width * sizeof *rows);
   return pulled;
 }

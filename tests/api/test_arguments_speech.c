@@ -22,6 +22,18 @@ CHECK(ern_speech_stream_open) {
   REFUSED(w.context, "0 channels", ern_speech_stream_open(w.context, 16000, 0, 1, &stream));
   REFUSED(w.context, "warp is 0.4", ern_speech_stream_open(w.context, 16000, 1, 0.4f, &stream));
 }
+CHECK(ern_speech_stream_open_kind) {
+  ern_speech_stream *stream = (ern_speech_stream *)(void *)&w;
+  REFUSED_ALONE(ern_speech_stream_open_kind(NULL, ERN_SPEECH_CEPSTRA, 16000, 1, 1, &stream));
+  assert_null(stream);
+  REFUSED(w.context, "stream is NULL", ern_speech_stream_open_kind(w.context, ERN_SPEECH_CEPSTRA, 16000, 1, 1, NULL));
+  REFUSED(w.context, "kind is NULL", ern_speech_stream_open_kind(w.context, NULL, 16000, 1, 1, &stream));
+  REFUSED(w.context, "kind is \"hubert\"", ern_speech_stream_open_kind(w.context, "hubert", 16000, 1, 1, &stream));
+}
+CHECK(ern_speech_width) {
+  assert_int_equal(ern_speech_width(NULL), 0);
+  assert_int_equal(ern_speech_width("hubert"), 0);
+}
 CHECK(ern_speech_stream_free) {
   ern_speech_stream *none = NULL;
   ern_speech_stream_free(NULL);
@@ -47,6 +59,15 @@ CHECK(ern_speech_features) {
   REFUSED(w.context, "path is NULL", ern_speech_features(w.context, NULL, 1, &features));
   REFUSED(w.context, "features is NULL", ern_speech_features(w.context, junk, 1, NULL));
   REFUSED(w.context, "warp is nan", ern_speech_features(w.context, junk, NAN, &features));
+}
+CHECK(ern_speech_features_kind) {
+  ern_features features = {.width = 7};
+  REFUSED_ALONE(ern_speech_features_kind(NULL, junk, ERN_SPEECH_CEPSTRA, 1, &features));
+  assert_int_equal(features.width, 0);
+  REFUSED(w.context, "path is NULL", ern_speech_features_kind(w.context, NULL, ERN_SPEECH_CEPSTRA, 1, &features));
+  REFUSED(w.context, "kind is NULL", ern_speech_features_kind(w.context, junk, NULL, 1, &features));
+  REFUSED(w.context, "kind is \"\"", ern_speech_features_kind(w.context, junk, "", 1, &features));
+  REFUSED(w.context, "features is NULL", ern_speech_features_kind(w.context, junk, ERN_SPEECH_CEPSTRA, 1, NULL));
 }
 CHECK(ern_speech_kind) {
   assert_string_equal(ern_speech_kind(NULL), "");
@@ -84,11 +105,14 @@ CHECK(ern_speech_network_features) { /* with a network: files/test_speech_networ
 }
 
 static const struct arguments_check table[] = {ROW(ern_speech_stream_open),
+                                               ROW(ern_speech_stream_open_kind),
+                                               ROW(ern_speech_width),
                                                ROW(ern_speech_stream_free),
                                                ROW(ern_speech_stream_push),
                                                ROW(ern_speech_stream_end),
                                                ROW(ern_speech_stream_pull),
                                                ROW(ern_speech_features),
+                                               ROW(ern_speech_features_kind),
                                                ROW(ern_speech_kind),
                                                ROW(ern_speech_open),
                                                ROW(ern_speech_is_sound),

@@ -9,7 +9,7 @@ cd "$1"
 
 # All files of ours that are text; the pictures and data of docs/ and data/ and the inputs of fuzz targets are not.
 mapfile -t texts < <(find include src tools tests examples python cmake docs .ci ./*.md ./*.txt ./*.json .clang-format .editorconfig \
-  .gitignore LICENSE -type f ! -name '*.png' ! -name '*.pyc' ! -name '*.npy' ! -path 'tests/fuzz/corpus/*' | sort)
+  .gitignore LICENSE -type f ! -name '*.png' ! -name '*.pyc' ! -name '*.npy' ! -name '*.safetensors' ! -path 'tests/fuzz/corpus/*' | sort)
 mapfile -t code < <(printf '%s\n' "${texts[@]}" | grep -E '\.(c|h|cpp|cl)$')
 mapfile -t library < <(printf '%s\n' "${code[@]}" | grep -E '^src/')
 [ "${#library[@]}" -gt 60 ] || { echo "FAIL: only ${#library[@]} files in src/"; exit 1; }

@@ -312,9 +312,10 @@ static void test_output_is_input(void **state) {
 static void test_output_is_of_the_clip(void **state) {
   (void)state;
   static const char *const files[] = {
-      "transforms_train.json", "transforms_val.json", "bc.jpg",         "aud.wav",          "au.csv",
-      "prepare.json",          "aud_ds.npy",          "aud_eo.npy",     "aud_hu.npy",       "aud.npy",
-      "aud_cep.npy",           "gt_imgs/4.jpg",       "ori_imgs/4.lms", "torso_imgs/4.png", "parsing/4.png"};
+      "transforms_train.json", "transforms_val.json", "bc.jpg",        "aud.wav",        "au.csv",
+      "prepare.json",          "aud_ds.npy",          "aud_eo.npy",    "aud_hu.npy",     "aud.npy",
+      "aud_cep.npy",           "aud_art.npy",         "gt_imgs/4.jpg", "ori_imgs/4.lms", "torso_imgs/4.png",
+      "parsing/4.png"};
   static const char *const lines[] = {"live m.safetensors --clip whole --duration 1 --format raw -y -o whole/%s",
                                       "eval m.safetensors whole -y --sheet whole/%s"};
   char path[64];

@@ -14,17 +14,19 @@ static int make(void **state) {
   cli_shared_clip("short", "clip");
   assert_int_equal(rename("clip/aud_ds.npy", "ds.npy"), 0);
   cli_run(&cli, "train clip -o m.safetensors --iters 30 --rays 512 --levels 4");
-  cli_expect(&cli, 0, "cepstra-1", NULL);
+  cli_expect(&cli, 0, "articulatory-1", NULL);
   return 0;
 }
 
 static void test_features(void **state) {
   (void)state;
   cli_run(&cli, "features clip/aud.wav -o made.npy --json made.json");
-  cli_expect(&cli, 0, "made.npy: cepstra-1, 33 windows of 16 rows of 13 values", NULL);
+  cli_expect(&cli, 0, "made.npy: articulatory-1, 33 windows of 16 rows of 45 values", NULL);
   json_t *report = cli_json(&cli, "made.json");
   assert_int_equal(json_integer_value(json_object_get(report, "windows")), 33);
   json_decref(report);
+  cli_run(&cli, "features clip/aud.wav --kind cepstra -o cepstra.npy");
+  cli_expect(&cli, 0, "cepstra.npy: cepstra-1, 33 windows of 16 rows of 13 values", NULL);
   cli_run(&cli, "features clip/aud.wav -o made.npy");
   cli_expect(&cli, 1, "made.npy", "--overwrite", NULL);
   cli_run(&cli, "features clip/aud.wav -o clip/aud.wav -y");
@@ -43,9 +45,9 @@ static void test_features(void **state) {
           "train clip --speech-augment off -o a.safetensors --iters 4 --rays 64 "
           "--levels 2 --validate-frames 1 --quiet");
   cli_expect(&cli, 0, NULL);
-  assert_int_equal(rename("made.npy", "aud_cep.npy"), 0);
+  assert_int_equal(rename("made.npy", "aud_art.npy"), 0);
   cli_run(&cli,
-          "train clip --audio aud_cep.npy -o b.safetensors --iters 4 --rays 64 --levels 2 --validate-frames 1 --quiet");
+          "train clip --audio aud_art.npy -o b.safetensors --iters 4 --rays 64 --levels 2 --validate-frames 1 --quiet");
   cli_expect(&cli, 0, NULL);
   assert_int_equal(system("cmp a.safetensors b.safetensors"), 0);
   /* what it heard is kept as a hash alone */
@@ -75,7 +77,7 @@ static void test_render_long(void **state) {
           "render m.safetensors --clip clip --audio said.mp4 --frames 0:8 -o again.mp4"); /* any file with a sound */
   cli_expect(&cli, 0, "with sound", NULL);
   cli_run(&cli, "features said.mp4 -o said.npy"); /* without what the encoder fills its last packet with */
-  cli_expect(&cli, 0, "said.npy: cepstra-1, 33 windows", NULL);
+  cli_expect(&cli, 0, "said.npy: articulatory-1, 33 windows", NULL);
   support_write("none.wav", "RIFF\44\0\0\0WAVEfmt \20\0\0\0\1\0\1\0\200>\0\0\0}\0\0\2\0\20\0data\0\0\0\0", 44);
   cli_run(&cli, "render m.safetensors --clip clip --wav none.wav -o wrong.mp4");
   cli_expect(&cli, 1, "none.wav: has no sound, 0 samples", NULL);
@@ -89,7 +91,7 @@ static void test_render_long(void **state) {
   cli_run(&cli, "render ds29.safetensors --clip mute --frames 0:8 -o mute.mp4");
   cli_expect(&cli, 0, "aud.wav: has no sound, 0 samples: the video is silent", "without sound", NULL);
   cli_run(&cli, "render m.safetensors --clip clip --audio ds.npy -o wrong.mp4");
-  cli_expect(&cli, 1, "ds.npy", "29", "13", NULL);
+  cli_expect(&cli, 1, "ds.npy", "29", "45", NULL);
   cli_run(&cli,
           "train clip --audio ds.npy -o ds.safetensors --iters 4 --rays 64 --levels 2 --validate-frames 1 --quiet");
   cli_expect(&cli, 0, NULL);
@@ -105,7 +107,7 @@ static void test_render_long(void **state) {
   cli_expect(&cli, 2, "--speech-augment", "which --torso does not change", NULL);
 }
 
-/* 13 numbers may be anybody's: a head that learnt them does not speak from a sound. */
+/* 45 numbers may be anybody's: a head that learnt them does not speak from a sound. */
 static void test_others_long(void **state) {
   (void)state;
   cli_run(&cli, "features clip/aud.wav --warp 1.2 -o mine.npy --quiet");
@@ -122,7 +124,7 @@ static void test_others_long(void **state) {
   cli_run(&cli, "render body.safetensors --clip clip --audio clip/aud.wav -o mine.mp4");
   cli_expect(&cli, 1, "body.safetensors", "expected --audio FILE.npy", NULL);
   cli_run(&cli, "eval mine.safetensors clip");
-  cli_expect(&cli, 1, "another kind than cepstra-1", NULL);
+  cli_expect(&cli, 1, "another kind than articulatory-1 and cepstra-1", NULL);
   cli_run(&cli, "eval mine.safetensors clip --audio mine.npy --quiet");
   cli_expect(&cli, 0, NULL);
 }
@@ -230,8 +232,8 @@ static void test_table_of_others_long(void **state) {
 static void test_check(void **state) {
   (void)state;
   cli_run(&cli, "check clip");
-  cli_expect_out(&cli, 0, "aud.wav: no file of speech features; cepstra-1 is made of the sound",
-                 "its mouth from cepstra-1 features", NULL);
+  cli_expect_out(&cli, 0, "aud.wav: no file of speech features; articulatory-1 is made of the sound",
+                 "its mouth from articulatory-1 features", NULL);
 }
 
 int main(void) {

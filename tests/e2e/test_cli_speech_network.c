@@ -121,7 +121,7 @@ static void test_wrong_network(void **state) {
   cli_expect(&cli, 0, NULL);
   cli_run(&cli, "render c.safetensors --clip clip %s %s -o none.mp4", network, preset);
   cli_expect(&cli, 1,
-             "c.safetensors: was trained on speech features of the kind cepstra-1, and eo.onnx computes esperanto",
+             "c.safetensors: was trained on speech features of the kind articulatory-1, and eo.onnx computes esperanto",
              NULL);
   assert_false(cli_there("none.mp4"));
 }

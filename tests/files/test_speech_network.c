@@ -449,6 +449,7 @@ static void test_descriptions(void **state) {
   static const struct {
     const char *from, *to, *word, *found;
   } wrong[] = {{"\"mine\"", "\"cepstra-2\"", "kind is \"cepstra-2\"", "built-in"},
+               {"\"mine\"", "\"articulatory\"", "kind is \"articulatory\"", "built-in"},
                {"\"mine\"", "\"My kind\"", "kind is", "a-z"},
                {"16000", "16001", "rate is 16001", "multiple of 50"},
                {"16000", "\"16000\"", "rate is \"16000\"", "expected"},

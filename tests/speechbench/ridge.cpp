@@ -33,4 +33,9 @@ double ridge_value(const struct ridge *ridge, const float *x) {
   return sum;
 }
 
+void ridge_weights(const struct ridge *ridge, double *weights) {
+  for (int i = 0; i < ridge->weight.rows; i++)
+    weights[i] = ridge->weight.at<double>(i) / ridge->deviation.at<double>(i);
+}
+
 void ridge_free(struct ridge *ridge) { delete ridge; }

@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: MIT
  * Which speech features follow a mouth: a linear map from a window of 16 rows to the opening of the jaw, learnt on most
  * of one made-up voice and tried on its rest and on others. espeak-ng speaks; its phonemes are the truth. Prints the
- * table of docs/speech.md. Fails where the embedded kind is not within 0.01 of the best one. */
+ * table of docs/speech.md; --weights: that of src/prepare/jaw_weights.h. Fails where the embedded kind is not within
+ * 0.01 of the best one. */
 #include "ridge.h"
 
 #include <libavutil/channel_layout.h>
@@ -13,7 +14,8 @@
 
 #include "ernerf-lab/spoken.h"
 #include "ernerf/speech.h"
-#include "media/cepstra.h"
+#include "media/speech/cepstra.h"
+#include "prepare/jaw_weights.h"
 #include "texts.h"
 
 enum { WINDOW = 16, BEFORE = 8, MOST_COPIES = 8, VOICES = 8 };
@@ -112,8 +114,11 @@ static float *features_of(ern_context *context, const struct voice *voice, featu
   for (size_t i = 0; i < voice->count; i++)
     heard[half + i] =
         augmentation.gain * (voice->samples[i] + (augmentation.noise > 0 ? 0.07f * augmentation.noise * white() : 0));
-  for (size_t r = 0; r < voice->rows; r++)
-    (kind == LOG_MEL ? ern_cepstra_bands : ern_cepstra_row)(cepstra, heard + r * ERN_CEPSTRA_HOP, rows + r * width);
+  for (size_t r = 0; r < voice->rows; r++) {
+    float band[ERN_CEPSTRA_BANDS];
+    (void)ern_cepstra_bands(cepstra, heard + r * ERN_CEPSTRA_HOP, kind == LOG_MEL ? rows + r * width : band);
+    if (kind == CEPSTRA) ern_cepstra_row(cepstra, band, rows + r * width);
+  }
   ern_cepstra_free(context, cepstra);
   free(heard);
   return rows;
@@ -147,20 +152,24 @@ struct row {
   struct augmentation tried;             /* how all others are heard */
 };
 
-/* The first ten elevenths of voice 0 are learnt from. */
-static struct ridge *learn(ern_context *context, const struct row *row, const struct voice *voice) {
-  const size_t width = width_of(row->kind), inputs = WINDOW * width, part = voice->rows * 10 / 11;
-  const size_t turns = (size_t)row->copies + 1;
-  float *x = memory(turns * part * inputs, sizeof(float));
-  double *y = memory(turns * part, sizeof(double));
-  for (size_t turn = 0; turn < turns; turn++) {
+/* Learns from the first ten elevenths of each of `count` voices. */
+static struct ridge *learn(ern_context *context, const struct row *row, const struct voice *voices, size_t count) {
+  const size_t width = width_of(row->kind), inputs = WINDOW * width, turns = (size_t)row->copies + 1;
+  size_t most = 0, n = 0;
+  for (size_t v = 0; v < count; v++) most += turns * (voices[v].rows * 10 / 11);
+  float *x = memory(most * inputs, sizeof(float));
+  double *y = memory(most, sizeof(double));
+  for (size_t i = 0; i < count * turns; i++) {
+    const struct voice *voice = &voices[i / turns];
+    const size_t turn = i % turns, part = voice->rows * 10 / 11;
     const struct augmentation augmentation = turn == 0 ? (struct augmentation){1, 1, 0} : row->copy[turn - 1];
     float *rows = features_of(context, voice, row->kind, augmentation), *windows = windows_of(rows, voice->rows, width);
-    memcpy(x + turn * part * inputs, windows, part * inputs * sizeof(float));
-    memcpy(y + turn * part, voice->opening, part * sizeof(double));
+    memcpy(x + n * inputs, windows, part * inputs * sizeof(float));
+    memcpy(y + n, voice->opening, part * sizeof(double));
+    n += part;
     free(rows), free(windows);
   }
-  struct ridge *ridge = ridge_fit(x, y, turns * part, inputs, 0.01);
+  struct ridge *ridge = ridge_fit(x, y, n, inputs, 0.01);
   if (ridge == NULL) die("the regression has no solution");
   free(x), free(y);
   return ridge;
@@ -179,7 +188,7 @@ static double try_on(ern_context *context, const struct row *row, const struct r
 
 /* Prints a line and gives the mean over the voices that were not learnt from. */
 static double print_row(ern_context *context, const struct row *row, const struct voice voices[VOICES]) {
-  struct ridge *ridge = learn(context, row, &voices[0]);
+  struct ridge *ridge = learn(context, row, voices, 1);
   double sum = 0;
   printf("| %-62s | %.3f", row->name, try_on(context, row, ridge, &voices[0], row->tried, voices[0].rows * 10 / 11));
   for (size_t v = 1; v < VOICES; v++) {
@@ -214,16 +223,48 @@ static const struct row table[] = {
 };
 enum { EMBEDDED = 3, ROWS = sizeof table / sizeof *table };
 
-int main(void) {
+/* ---- the map that `prepare` uses ----------------------------------------------------------------------------------
+ */
+
+/* Prints the table of src/prepare/jaw_weights.h: learnt from all voices with their copies. */
+static void print_weights(ern_context *context, const struct voice voices[VOICES]) {
+  double weights[WINDOW][ERN_CEPSTRA_WIDTH];
+  struct ridge *ridge = learn(context, &table[EMBEDDED], voices, VOICES);
+  ridge_weights(ridge, &weights[0][0]);
+  for (size_t k = 0; k < WINDOW; k++)
+    for (size_t c = 0; c < ERN_CEPSTRA_WIDTH; c++)
+      printf("%s%.4ff%s", c == 0 ? "    {" : "", weights[k][c], c + 1 < ERN_CEPSTRA_WIDTH ? ", " : "},\n");
+  ridge_free(ridge);
+}
+
+/* The mean correlation of that table with the openings of the voices. */
+static double try_weights(ern_context *context, const struct voice voices[VOICES]) {
+  double sum = 0;
+  for (size_t v = 0; v < VOICES; v++) {
+    float *rows = features_of(context, &voices[v], CEPSTRA, (struct augmentation)CLEAN),
+          *windows = windows_of(rows, voices[v].rows, ERN_CEPSTRA_WIDTH);
+    double *found = memory(voices[v].rows, sizeof(double));
+    for (size_t r = 0; r < voices[v].rows; r++)
+      for (size_t i = 0; i < WINDOW * ERN_CEPSTRA_WIDTH; i++)
+        found[r] += (double)(windows[r * WINDOW * ERN_CEPSTRA_WIDTH + i] * (&ern_jaw_weights[0][0])[i]);
+    sum += correlation(found, voices[v].opening, voices[v].rows) / VOICES;
+    free(rows), free(windows), free(found);
+  }
+  return sum;
+}
+
+int main(int count, char **words) {
   ern_context *context = NULL;
   struct voice voices[VOICES] = {{0}};
   double mean[ROWS];
   if (ern_context_create(&context, NULL) != ERN_OK) die("no memory");
-  printf("| %-62s ", "features");
-  for (size_t v = 0; v < VOICES; v++) {
-    make_voice(context, &spoken_texts[v], &voices[v]);
-    printf("| %s ", voices[v].name);
+  for (size_t v = 0; v < VOICES; v++) make_voice(context, &spoken_texts[v], &voices[v]);
+  if (count == 2 && strcmp(words[1], "--weights") == 0) {
+    print_weights(context, voices);
+    return EXIT_SUCCESS;
   }
+  printf("| %-62s ", "features");
+  for (size_t v = 0; v < VOICES; v++) printf("| %s ", voices[v].name);
   printf("| mean of the others |\n");
   for (size_t r = 0; r < ROWS; r++) mean[r] = print_row(context, &table[r], voices);
   int status = EXIT_SUCCESS;
@@ -234,6 +275,12 @@ int main(void) {
     }
   if (!(mean[EMBEDDED] >= 0.75)) { /* a broken kind has less; what was measured is in docs/speech.md */
     printf("FAILED: the embedded kind has %.3f, expected 0.75 and more\n", mean[EMBEDDED]);
+    status = EXIT_FAILURE;
+  }
+  const double prepares = try_weights(context, voices);
+  printf("the weights of prepare: %.3f\n", prepares);
+  if (!(prepares >= 0.8)) {
+    printf("FAILED: the weights of prepare have %.3f, expected 0.8 and more\n", prepares);
     status = EXIT_FAILURE;
   }
   for (size_t v = 0; v < VOICES; v++) free(voices[v].samples), free(voices[v].opening);

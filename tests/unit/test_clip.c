@@ -241,8 +241,7 @@ static void test_features_choice(void **state) {
   assert_int_equal(unlink("speech/aud.npy"), 0);
   support_ok(context, ern_clip_open(context, "speech", NULL, &clip)); /* features are made of the sound */
   ern_clip_describe(clip, &info);
-  assert_string_equal(info.features_file, "aud.wav");
-  assert_true(info.hears_sound && ern_clip_features(clip)->width == 13);
+  assert_true(info.hears_sound && strcmp(info.features_file, "aud.wav") == 0 && ern_clip_features(clip)->width == 45);
   const float warps[] = {0.9f, 1.1f};
   size_t copies = 0;
   support_ok(context, ern_clip_vary_speech(clip, warps, 2));

@@ -60,8 +60,6 @@ static ern_status check_folder(ern_context *context, const char *folder) {
   return ern_fail(context, ERN_E_IO, "%s: is no folder, expected that of a preprocessed clip", folder);
 }
 
-static const char own_name[] = "aud_cep.npy";
-
 /* Computes the features of clip->speech_path by a network. */
 static ern_status compute_features(ern_clip *clip, ern_speech_network *network) {
   ern_status status = ERN_OK;
@@ -90,13 +88,10 @@ static ern_status open_features(ern_clip *clip, const ern_clip_options *options)
   }
   ERN_TRY(ern_string_copy(clip->context, name, &clip->features_file));
   if (options->network != NULL) return compute_features(clip, options->network);
-  ERN_TRY(ern_speech_open(clip->context, clip->speech_path, NULL, &clip->features));
   clip->info.hears_sound = ern_speech_is_sound(clip->speech_path);
-  /* other programs write 13 values a row too: a file counts as our cepstra by its name alone */
-  const size_t length = strlen(name), tail = strlen(own_name);
-  const bool own =
-      length >= tail && strcmp(name + length - tail, own_name) == 0 && clip->features.width == ERN_SPEECH_WIDTH;
-  clip->info.speech = clip->info.hears_sound || own ? ERN_SPEECH_CEPSTRA : ern_speech_kind(&clip->features);
+  const char *kind = clip->info.hears_sound ? ern_clip_features_kind(name, options->asr_model, NULL, true) : NULL;
+  ERN_TRY(ern_speech_open(clip->context, clip->speech_path, kind, &clip->features));
+  clip->info.speech = kind != NULL ? kind : ern_clip_features_kind(name, NULL, &clip->features, false);
 fail:
   return status;
 }
@@ -395,12 +390,12 @@ ern_status ern_clip_vary_speech(ern_clip *clip, const float *warps, size_t count
   if (clip->speech_network != NULL)
     return ern_fail(clip->context, ERN_E_STATE,
                     "%s: its features are computed by a network, and copies of the "
-                    "speech can only be of the kind %s",
-                    clip->speech_path, ERN_SPEECH_CEPSTRA);
+                    "speech can only be of a built-in kind",
+                    clip->speech_path);
   ERN_TRY(ERN_NEW(clip->context, count, &clip->copies));
   for (; clip->copy_count < count; clip->copy_count++)
-    ERN_TRY(ern_speech_features(clip->context, clip->speech_path, warps[clip->copy_count],
-                                &clip->copies[clip->copy_count]));
+    ERN_TRY(ern_speech_features_kind(clip->context, clip->speech_path, clip->info.speech, warps[clip->copy_count],
+                                     &clip->copies[clip->copy_count]));
   return ERN_OK;
 fail:
   forget_copies(clip);

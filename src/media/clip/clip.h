@@ -24,7 +24,8 @@ enum ern_clip_content {
   ERN_CLIP_ESPERANTO,
   ERN_CLIP_HUBERT,
   ERN_CLIP_FEATURES,
-  ERN_CLIP_CEPSTRA
+  ERN_CLIP_CEPSTRA,
+  ERN_CLIP_ARTICULATORY
 };
 /* *path = that file or folder of the clip, owned by the caller (ern_release). */
 ERN_NODISCARD ern_status ern_clip_path(ern_context *context, const char *folder, enum ern_clip_content content,
@@ -61,6 +62,10 @@ ERN_NODISCARD ern_status ern_clip_trained_frames(ern_context *context, const ern
  * files that were looked for. */
 ERN_NODISCARD ern_status ern_clip_features_name(ern_context *context, const char *folder, const char *asr_model,
                                                 const char **name);
+
+/* The kind of features (speech.h); "": not known. `sound`: they are to be made of a sound, and `features` may be NULL.
+ * Other programs write 13 values a row too, so a file holds a built-in kind by its name alone. */
+const char *ern_clip_features_kind(const char *name, const char *asr_model, const ern_features *features, bool sound);
 
 /* *blink = column AU45_r of au.csv, owned by the caller, with a row for every img_id up to the largest; NULL where
  * there is no au.csv. */

@@ -230,13 +230,6 @@ static void check_frames(struct report *report) {
                 "head is learnt over the clip's background alone.");
 }
 
-/* Other programs write 13 values a row too: a file counts as our cepstra by its name alone. */
-static const char *features_kind(const struct report *report, const ern_features *features, bool sound) {
-  const char *kind = ern_speech_kind(features);
-  if (sound || strcmp(report->features_name, "aud_cep.npy") == 0) return ERN_SPEECH_CEPSTRA;
-  return kind[0] != 0 ? kind : "an unknown kind";
-}
-
 /* There is one window for every 1/25 s of sound and one frame for every picture of the video. Where these counts differ
  * much, the video does not have 25 frames a second, or its sound and pictures differ in length. */
 static void check_lengths(struct report *report, size_t windows) {
@@ -278,21 +271,24 @@ static void check_features(struct report *report) {
       "of it.";
   ern_features features = {0};
   double change = 0;
+  bool sound = false;
   char path[PATH_BYTES];
   ern_status status = ern_clip_features_name(report->context, report->folder, NULL, &report->features_name);
   if (status == ERN_OK) {
     snprintf(path, sizeof path, "%s/%s", report->folder, report->features_name);
-    status = ern_speech_open(report->context, path, NULL, &features);
+    sound = ern_speech_is_sound(path);
+    if (sound) report->speech = ern_clip_features_kind(report->features_name, NULL, NULL, true);
+    status = ern_speech_open(report->context, path, report->speech, &features);
   }
   if (status != ERN_OK) {
     say_wrong(report, status, help);
     return;
   }
-  const bool sound = ern_speech_is_sound(path);
-  report->speech = features_kind(report, &features, sound);
+  if (!sound) report->speech = ern_clip_features_kind(report->features_name, NULL, &features, false);
+  if (report->speech[0] == 0) report->speech = "an unknown kind";
   if (sound)
     add_line(report, THERE, "%s: no file of speech features; %s is made of the sound, %zu windows.",
-             report->features_name, ERN_SPEECH_CEPSTRA, features.windows);
+             report->features_name, report->speech, features.windows);
   else
     add_line(report, THERE, "%s: speech features of %s, %zu windows of %d vectors of %d values.", report->features_name,
              report->speech, features.windows, features.window_length, features.width);

@@ -195,8 +195,10 @@ ern_status ern_clip_features_name(ern_context *context, const char *folder, cons
   static const struct {
     const char *model; /* the public code recognises a model by a part of its name */
     enum ern_clip_content file;
-  } kinds[] = {{"deepspeech", ERN_CLIP_DEEPSPEECH}, {"esperanto", ERN_CLIP_ESPERANTO}, {"hubert", ERN_CLIP_HUBERT},
-               {NULL, ERN_CLIP_FEATURES},           {"cepstra", ERN_CLIP_CEPSTRA},     {"cepstra", ERN_CLIP_SOUND}};
+  } kinds[] = {{"deepspeech", ERN_CLIP_DEEPSPEECH}, {"esperanto", ERN_CLIP_ESPERANTO},
+               {"hubert", ERN_CLIP_HUBERT},         {NULL, ERN_CLIP_FEATURES},
+               {"cepstra", ERN_CLIP_CEPSTRA},       {"articulatory", ERN_CLIP_ARTICULATORY},
+               {"cepstra", ERN_CLIP_SOUND},         {"articulatory", ERN_CLIP_SOUND}};
   ern_status status = ERN_OK;
   bool known = asr_model == NULL;
   *name = NULL;
@@ -209,21 +211,35 @@ ern_status ern_clip_features_name(ern_context *context, const char *folder, cons
     if (there) return ERN_OK;
   }
   if (!known) {
-    return ern_fail(context, ERN_E_ARGUMENT, "asr_model is \"%s\", expected deepspeech, esperanto, hubert or cepstra",
-                    asr_model);
+    return ern_fail(context, ERN_E_ARGUMENT,
+                    "asr_model is \"%s\", expected deepspeech, esperanto, hubert, articulatory or cepstra", asr_model);
   }
   if (asr_model != NULL) {
     return ern_fail(context, ERN_E_MISSING, "%s/%s: is missing, and asr_model \"%s\" needs it", folder, *name,
                     asr_model);
   }
   *name = NULL;
-  return ern_fail(
-      context, ERN_E_MISSING,
-      "%s: no speech features, expected one of aud_ds.npy, aud_eo.npy, aud_hu.npy, aud.npy, aud_cep.npy, or "
-      "the sound aud.wav to make them of",
-      folder);
+  return ern_fail(context, ERN_E_MISSING,
+                  "%s: no speech features, expected one of aud_ds.npy, aud_eo.npy, aud_hu.npy, aud.npy, aud_cep.npy, "
+                  "aud_art.npy, or the sound aud.wav to make them of",
+                  folder);
 fail:
   return status;
+}
+
+const char *ern_clip_features_kind(const char *name, const char *asr_model, const ern_features *features, bool sound) {
+  static const struct {
+    const char *name, *kind;
+  } own[] = {{"aud_cep.npy", ERN_SPEECH_CEPSTRA}, {"aud_art.npy", ERN_SPEECH_ARTICULATORY}};
+  if (sound)
+    return asr_model != NULL && strstr(asr_model, "cepstra") != NULL ? ERN_SPEECH_CEPSTRA : ERN_SPEECH_ARTICULATORY;
+  for (size_t i = 0; i < sizeof own / sizeof *own; i++) {
+    const size_t length = strlen(name), tail = strlen(own[i].name);
+    if (length >= tail && strcmp(name + length - tail, own[i].name) == 0 &&
+        features->width == ern_speech_width(own[i].kind))
+      return own[i].kind;
+  }
+  return ern_speech_kind(features);
 }
 
 ern_status ern_clip_blink(ern_context *context, const char *folder, int64_t largest_img_id, float **blink,

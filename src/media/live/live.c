@@ -108,6 +108,7 @@ ern_status ern_live_open(ern_context *context, const ern_live_options *options, 
   ern_live *made = NULL;
   ern_status status = ERN_OK;
   if (options != NULL) ERN_TRY(ERN_COPY_IN_CONFIG(context, ern_live_options, &chosen, options));
+  if (chosen.speech == NULL) chosen.speech = ERN_SPEECH_CEPSTRA;
   ERN_TRY(check_options(context, &chosen));
   ERN_TRY(ERN_NEW(context, 1, &made));
   made->context = context;
@@ -124,8 +125,9 @@ ern_status ern_live_open(ern_context *context, const ern_live_options *options, 
   }
   made->options = chosen;
   made->rate = windows ? ERN_LIVE_TICKS_A_SECOND : chosen.rate;
-  ERN_TRY(ern_live_speech_open(context, chosen.rate, chosen.channels, chosen.window_length, chosen.width,
+  ERN_TRY(ern_live_speech_open(context, chosen.speech, chosen.rate, chosen.channels, chosen.window_length, chosen.width,
                                (size_t)chosen.capacity, &made->speech));
+  made->options.speech = NULL;
   made->speech.pad = chosen.pad;
   const size_t window = (size_t)made->speech.window_length * (size_t)made->speech.width;
   const size_t tick = windows ? 1 : (size_t)made->rate / ERN_LIVE_TICKS_A_SECOND + 1;

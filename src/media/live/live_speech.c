@@ -10,18 +10,18 @@
  * interpolation and look-ahead need after the last queued tick. */
 enum { WINDOW = 16, WINDOW_BEFORE = 8, KEPT_BEFORE = 32, SPARE = 32, PULLED = 16 };
 
-ern_status ern_live_speech_open(ern_context *context, int rate, int channels, int window_length, int width,
-                                size_t ticks, struct ern_live_speech *speech) {
+ern_status ern_live_speech_open(ern_context *context, const char *kind, int rate, int channels, int window_length,
+                                int width, size_t ticks, struct ern_live_speech *speech) {
   ern_status status = ERN_OK;
   const bool sound = channels > 0;
   *speech = (struct ern_live_speech){.context = context,
                                      .window_length = sound ? WINDOW : window_length,
-                                     .width = sound ? ERN_SPEECH_WIDTH : width,
+                                     .width = sound ? ern_speech_width(kind) : width,
                                      .rows_a_tick = sound ? 2 : 1};
   const size_t window = (size_t)speech->window_length * (size_t)speech->width;
   speech->values = sound ? (size_t)speech->width : window;
   speech->capacity = (ticks + KEPT_BEFORE + SPARE) * (size_t)speech->rows_a_tick;
-  if (sound) ERN_TRY(ern_speech_stream_open(context, rate, channels, 1, &speech->stream));
+  if (sound) ERN_TRY(ern_speech_stream_open_kind(context, kind, rate, channels, 1, &speech->stream));
   ERN_TRY(ERN_NEW(context, speech->capacity * speech->values, &speech->row));
 fail:
   if (status != ERN_OK) ern_live_speech_close(speech);
@@ -47,11 +47,11 @@ static ern_status add_row(struct ern_live_speech *s, const float *row) {
 }
 
 static ern_status take_rows(struct ern_live_speech *s) {
-  float rows[PULLED][ERN_SPEECH_WIDTH];
+  float rows[PULLED * ERN_SPEECH_MOST_WIDTH];
   for (;;) {
-    const size_t pulled = ern_speech_stream_pull(s->stream, rows[0], PULLED);
+    const size_t pulled = ern_speech_stream_pull(s->stream, rows, PULLED);
     for (size_t i = 0; i < pulled; i++) {
-      const ern_status status = add_row(s, rows[i]);
+      const ern_status status = add_row(s, rows + i * s->values);
       if (status != ERN_OK) return status;
     }
     if (pulled < PULLED) return ERN_OK;

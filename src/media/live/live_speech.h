@@ -24,9 +24,11 @@ struct ern_live_speech {
   bool ended;
 };
 
-/* rate, channels: of the sound; 0: the caller pushes windows. ticks: the most that are kept. */
-ERN_NODISCARD ern_status ern_live_speech_open(ern_context *context, int rate, int channels, int window_length,
-                                              int width, size_t ticks, struct ern_live_speech *speech);
+/* kind, rate, channels: of the sound and the features made of it; channels 0: the caller pushes windows. ticks: the
+ * most that are kept. */
+ERN_NODISCARD ern_status ern_live_speech_open(ern_context *context, const char *kind, int rate, int channels,
+                                              int window_length, int width, size_t ticks,
+                                              struct ern_live_speech *speech);
 void ern_live_speech_close(struct ern_live_speech *speech); /* accepts a zeroed one */
 
 /* data: [count] frames of samples, or windows. */

@@ -22,6 +22,7 @@ static const ern_setting table[] = {
     {ERN_ROW_BOOL(insert_silence), .help = "every pull returns a frame: silence is inserted where sound is missing"},
     {ERN_ROW_POINTER(silence, const ern_silence *)},
     {ERN_ROW_POINTER(silence_code, const float *)},
+    {ERN_ROW_TEXT(speech)},
 };
 
 ERN_SETTINGS_FUNCTIONS(live, ern_live_options, 0x45524e4c)

@@ -22,6 +22,13 @@ const char *ern_speech_preset(const char *name) {
   return NULL;
 }
 
+int ern_speech_width(const char *kind) {
+  if (kind == NULL) return 0;
+  return strcmp(kind, ERN_SPEECH_ARTICULATORY) == 0 ? ERN_SPEECH_MOST_WIDTH
+         : strcmp(kind, ERN_SPEECH_CEPSTRA) == 0    ? ERN_SPEECH_WIDTH
+                                                    : 0;
+}
+
 const char *ern_speech_kind(const ern_features *features) {
   switch (features != NULL ? features->width : 0) {
     case 29: return "deepspeech";

@@ -206,12 +206,12 @@ static int open_portrait(struct live_job *job, const struct args *args) {
   int status = portrait_open(portrait, session, args);
   if (status == 0) status = control_check_model(&job->control, session, args, portrait);
   if (status != 0) return status;
-  if (strcmp(portrait_speech(portrait), ERN_SPEECH_CEPSTRA) != 0)
+  if (ern_speech_width(portrait_speech(portrait)) == 0)
     return session_fail_with(
         session,
         "%s: was trained on speech features of the kind \"%s\", which need a network and the whole sound; live sound "
-        "needs a model that was trained on %s: `ernerf train CLIP --asr-model cepstra`",
-        portrait->model_path, portrait_speech(portrait), ERN_SPEECH_CEPSTRA);
+        "needs a model that was trained on a built-in kind: `ernerf train CLIP --asr-model articulatory`",
+        portrait->model_path, portrait_speech(portrait));
   job->features = ern_clip_features(portrait->clip);
   if (ern_renderer_accepts(portrait->renderer, job->features, portrait->features_path) != ERN_OK)
     return session_fail(session);
@@ -242,6 +242,7 @@ static int open_live(struct live_job *job) {
   options.rate_numerator = job->rate.numerator;
   options.rate_denominator = job->rate.denominator;
   options.pad = (ern_audio_pad)job->portrait.audio_pad;
+  options.speech = portrait_speech(&job->portrait);
   options.silence = job->silence_pose.silence;
   options.silence_code = job->silence_pose.known ? job->silence_pose.code : NULL;
   options.insert_silence = !job->unpaced;

@@ -5,9 +5,10 @@
 
 void clip_source_options(struct clip_source *source, struct option options[CLIP_SOURCE_OPTIONS]) {
   const struct option rows[] = {{ARGS_TEXT("asr-model", &source->asr_model), .choices = "NAME",
-                                 .help = "kind of the clip's speech features: deepspeech, esperanto, hubert or cepstra "
-                                         "(default: the first that there is of aud_ds.npy, aud_eo.npy, aud_hu.npy, "
-                                         "aud.npy, aud_cep.npy, and aud.wav, from which cepstra are computed)"},
+                                 .help = "kind of the clip's speech features: deepspeech, esperanto, hubert, "
+                                         "articulatory or cepstra (default: the first that there is of aud_ds.npy, "
+                                         "aud_eo.npy, aud_hu.npy, aud.npy, aud_cep.npy, aud_art.npy, and aud.wav, from "
+                                         "which articulatory features are computed)"},
                                 {ARGS_BYTES("memory", &source->memory), .seldom = true,
                                  .help = "maximum memory for decoded frames of the clip, such as 512M (default half of "
                                          "the memory that the process may use)"}};

@@ -157,9 +157,9 @@ int portrait_refuse_sound(const struct portrait *portrait, struct session *sessi
   char wanted[192];
   speech_model_wanted(&portrait->info, wanted);
   return session_fail_with(session,
-                           "%s: was trained on speech features of another kind than %s, the only kind that is computed "
+                           "%s: was trained on speech features of another kind than %s and %s, which are computed "
                            "from a sound without a network; expected --audio FILE.npy, or --speech-model FILE.onnx%s",
-                           portrait->model_path, ERN_SPEECH_CEPSTRA, wanted);
+                           portrait->model_path, ERN_SPEECH_ARTICULATORY, ERN_SPEECH_CEPSTRA, wanted);
 }
 
 /* Whether the clip has a file of these features, which equals the features computed from its sound. */
@@ -175,13 +175,13 @@ static int open_clip(struct portrait *portrait, struct session *session) {
   const char *kind = ern_speech_network_kind(source->speech_model.network);
   if (portrait->other_speech && has_file(source->path, kind)) source->asr_model = kind;
   /* a clip may have features of another kind too */
-  if (source->features == NULL && source->asr_model == NULL && source->speech_model.network == NULL &&
-      strstr(portrait_speech(portrait), "cepstra") != NULL)
-    source->asr_model = "cepstra";
+  if (source->asr_model == NULL && source->speech_model.network == NULL &&
+      ern_speech_width(portrait_speech(portrait)) > 0)
+    source->asr_model = portrait_speech(portrait);
   if (clip_source_open(&portrait->source, session, &portrait->clip) != 0) return EXIT_FAILURE;
   ern_clip_describe(portrait->clip, &portrait->clip_info);
   if (portrait->clip_info.hears_sound && portrait->clip_info.speech_network[0] == 0 &&
-      strcmp(portrait_speech(portrait), ERN_SPEECH_CEPSTRA) != 0)
+      ern_speech_width(portrait_speech(portrait)) == 0)
     return portrait_refuse_sound(portrait, session);
   const bool own = portrait->source.features == NULL;
   snprintf(portrait->features_path, sizeof portrait->features_path, "%s%s%s", own ? portrait->source.path : "",
@@ -251,7 +251,7 @@ const float *portrait_refined(const struct portrait *portrait, const struct fram
 int portrait_features(struct portrait *portrait, struct session *session, const char *path, ern_features *features) {
   ern_speech_network *network = portrait->source.speech_model.network;
   const char *kind = portrait_speech(portrait);
-  if (network == NULL && ern_speech_is_sound(path) && strcmp(kind, ERN_SPEECH_CEPSTRA) != 0)
+  if (network == NULL && ern_speech_is_sound(path) && ern_speech_width(kind) == 0)
     return portrait_refuse_sound(portrait, session);
   const ern_status status = network != NULL ? ern_speech_network_features(network, path, features)
                                             : ern_speech_open(session->context, path, kind, features);

@@ -80,13 +80,14 @@ static int check_kind(const struct speech_model *speech_model, struct session *s
 }
 
 const char *speech_model_kind(const char *path, int width) {
-  static const struct {
+  const struct {
     const char *name, *kind;
     int width;
   } files[] = {{"aud_ds.npy", "deepspeech", 29},
                {"aud_eo.npy", "esperanto", 44},
                {"aud_hu.npy", "hubert", 1024},
-               {"aud_cep.npy", ERN_SPEECH_CEPSTRA, ERN_SPEECH_WIDTH}};
+               {"aud_cep.npy", ERN_SPEECH_CEPSTRA, ern_speech_width(ERN_SPEECH_CEPSTRA)},
+               {"aud_art.npy", ERN_SPEECH_ARTICULATORY, ern_speech_width(ERN_SPEECH_ARTICULATORY)}};
   const char *slash = strrchr(path, '/'), *name = slash != NULL ? slash + 1 : path;
   for (size_t i = 0; i < sizeof files / sizeof *files; i++)
     if (strcmp(name, files[i].name) == 0 && width == files[i].width) return files[i].kind;

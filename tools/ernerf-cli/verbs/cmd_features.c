@@ -13,6 +13,7 @@ struct features_job {
   struct session session;
   struct speech_model speech_model;
   const char *sound, *out;
+  int cepstra; /* 0: articulatory */
   float warp;
 };
 
@@ -24,11 +25,12 @@ static int make(struct features_job *job) {
   session->makes_features = true;
   if (session_check_output(session, job->out) != 0 || speech_model_open(speech_model, session, NULL, NULL) != 0)
     return EXIT_FAILURE;
-  const char *kind =
-      speech_model->network != NULL ? ern_speech_network_kind(speech_model->network) : ERN_SPEECH_CEPSTRA;
+  const char *kind = speech_model->network != NULL ? ern_speech_network_kind(speech_model->network)
+                     : job->cepstra                ? ERN_SPEECH_CEPSTRA
+                                                   : ERN_SPEECH_ARTICULATORY;
   ern_status status = speech_model->network != NULL
                           ? ern_speech_network_features(speech_model->network, job->sound, &features)
-                          : ern_speech_features(session->context, job->sound, job->warp, &features);
+                          : ern_speech_features_kind(session->context, job->sound, kind, job->warp, &features);
   if (status == ERN_OK) status = ern_features_save(session->context, job->out, &features);
   const size_t windows = features.windows;
   const int length = features.window_length, width = features.width;
@@ -44,19 +46,21 @@ static int make(struct features_job *job) {
 
 int cmd_features(int argc, char **argv) {
   struct features_job job = {.warp = 1};
-  struct option own[] = {{ARGS_TEXT("o", &job.out), .alias = "output", .choices = "FILE.npy",
-                          .help = "the features; in a clip their file has the name aud_cep.npy, or aud_eo.npy or "
-                                  "aud_hu.npy for those of a network"},
-                         {ARGS_FLOAT("warp", &job.warp, 0.5, 2),
-                          .help = "factor of all frequencies, 0.5 to 2, as if the speaker's vocal tract had another "
-                                  "length; only for the built-in kind"}};
+  struct option own[] = {
+      {ARGS_TEXT("o", &job.out), .alias = "output", .choices = "FILE.npy",
+       .help = "the features; in a clip their file has the name aud_art.npy, aud_cep.npy for "
+               "cepstra, or aud_eo.npy or aud_hu.npy for those of a network"},
+      {ARGS_CHOICE("kind", &job.cepstra, "articulatory|cepstra"), .help = "built-in kind (default articulatory)"},
+      {ARGS_FLOAT("warp", &job.warp, 0.5, 2),
+       .help = "factor of all frequencies, 0.5 to 2, as if the speaker's vocal tract had another "
+               "length; only for built-in kinds"}};
   struct option network[SPEECH_MODEL_OPTIONS], output[SESSION_OUTPUT_OPTIONS];
   struct word words[] = {{"SOUND", &job.sound, "wav, mp3, mp4 or whatever else FFmpeg reads, up to 4 hours"}};
   struct args args = {
       .verb = "features",
       .summary = "Computes the speech features of a sound, from which a head is trained and rendered.",
       .usage =
-          "features SOUND -o aud_cep.npy\n"
+          "features SOUND [--kind cepstra] -o aud_art.npy\n"
           "features SOUND --speech-model FILE.onnx [--speech-preset NAME|FILE.json] -o aud_eo.npy",
       .notes =
           "train, eval and render take a sound where they take features, so this verb is for looking at them and\n"
@@ -75,7 +79,7 @@ int cmd_features(int argc, char **argv) {
     status = args_refuse(&args, "-o is \"%s\", expected a name that ends in .npy", job.out);
   if (status < 0) status = speech_model_check(&job.speech_model, &args, job.sound);
   if (status < 0 && job.speech_model.path != NULL)
-    status = args_forbid(&args, "warp", "is for the built-in kind, and --speech-model takes the sound unchanged");
+    status = args_forbid(&args, "warp kind", "is for built-in kinds, and --speech-model is a network of yours");
   job.session.inputs[0] = job.sound;
   job.session.inputs[1] = job.speech_model.path;
   job.session.inputs[2] = speech_model_file(&job.speech_model);

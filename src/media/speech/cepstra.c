@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT */
-#include "media/cepstra.h"
+#include "media/speech/cepstra.h"
 
 #include <libavutil/mem.h>
 #include <libavutil/tx.h>
@@ -111,7 +111,7 @@ static float middle_of(const float frame[ERN_CEPSTRA_FRAME]) {
   return (float)(sum / ERN_CEPSTRA_FRAME);
 }
 
-void ern_cepstra_bands(struct ern_cepstra *c, const float frame[ERN_CEPSTRA_FRAME], float log_band[BANDS]) {
+bool ern_cepstra_bands(struct ern_cepstra *c, const float frame[ERN_CEPSTRA_FRAME], float log_band[BANDS]) {
   const float middle = middle_of(frame), power = power_of(frame, middle);
   if (power > audible * c->level) c->level *= c->forget;
   c->level = fmaxf(fmaxf(power, c->level), least_level);
@@ -125,11 +125,12 @@ void ern_cepstra_bands(struct ern_cepstra *c, const float frame[ERN_CEPSTRA_FRAM
       sum += c->band[b][k] * (c->spectrum[k].re * c->spectrum[k].re + c->spectrum[k].im * c->spectrum[k].im);
     log_band[b] = logf(sum * unit + band_floor);
   }
+  return power > audible * c->level;
 }
 
-void ern_cepstra_row(struct ern_cepstra *c, const float frame[ERN_CEPSTRA_FRAME], float row[ERN_CEPSTRA_WIDTH]) {
-  float log_band[BANDS];
-  ern_cepstra_bands(c, frame, log_band);
+float ern_cepstra_silence(void) { return logf(band_floor); }
+
+void ern_cepstra_row(const struct ern_cepstra *c, const float log_band[BANDS], float row[ERN_CEPSTRA_WIDTH]) {
   for (int q = 0; q < ERN_CEPSTRA_WIDTH; q++) {
     float sum = 0;
     for (int b = 0; b < BANDS; b++) sum += c->cosine[q][b] * log_band[b];

@@ -4,6 +4,8 @@
 #ifndef ERN_MEDIA_CEPSTRA_H
 #define ERN_MEDIA_CEPSTRA_H
 
+#include <stdbool.h>
+
 #include "core/status.h"
 
 enum {
@@ -20,15 +22,21 @@ struct ern_cepstra;
 /* warp: every frequency of the mel bands is multiplied by it, 0.5 to 2 (vocal tract length perturbation: the speech of
  * a longer or shorter vocal tract). */
 ERN_NODISCARD ern_status ern_cepstra_check_warp(ern_context *context, float warp);
+/* speech_file.c. ERN_E_ARGUMENT where `kind` is none of the built-in kinds. */
+ERN_NODISCARD ern_status ern_speech_check_kind(ern_context *context, const char *kind);
 ERN_NODISCARD ern_status ern_cepstra_make(ern_context *context, float warp, struct ern_cepstra **cepstra);
 void ern_cepstra_free(ern_context *context, struct ern_cepstra *cepstra); /* accepts NULL */
 
-/* The logarithms of the mel bands' powers. ern_cepstra_row takes their cosine transform. */
-void ern_cepstra_bands(struct ern_cepstra *cepstra, const float frame[ERN_CEPSTRA_FRAME],
+/* The logarithms of the mel bands' powers, of the next row of the sound. The caller must ask for rows in order: each
+ * depends on the loudness of the earlier ones. Returns whether the row is within 30 dB of the level, as speech is. */
+bool ern_cepstra_bands(struct ern_cepstra *cepstra, const float frame[ERN_CEPSTRA_FRAME],
                        float band[ERN_CEPSTRA_BANDS]);
 
-/* Computes the next row of the sound. The caller must ask for rows in order: each depends on the loudness of the
- * earlier ones. */
-void ern_cepstra_row(struct ern_cepstra *cepstra, const float frame[ERN_CEPSTRA_FRAME], float row[ERN_CEPSTRA_WIDTH]);
+/* What ern_cepstra_bands gives for each band of a row of zeros. */
+float ern_cepstra_silence(void);
+
+/* The row of these bands: their cosine transform, normalised. */
+void ern_cepstra_row(const struct ern_cepstra *cepstra, const float band[ERN_CEPSTRA_BANDS],
+                     float row[ERN_CEPSTRA_WIDTH]);
 
 #endif
