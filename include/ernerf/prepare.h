@@ -47,6 +47,8 @@ typedef struct ern_prepare_options {
   const char *segment;
   /* A network that finds faces and eyes, FILE.onnx: YuNet (docs/prepare.md). NULL: OpenCV's cascades. */
   const char *detector;
+  double sound_offset; /* seconds, -1..1, by which the sound of the video is later than its pictures: aud.wav has what
+                          is heard so much later. Default 0 */
 } ern_prepare_options;
 
 /* The members of ern_prepare_options in their order, cookie and size left out (setting.h); NULL past the last. */

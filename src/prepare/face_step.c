@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  * The step "face": finds the face in the whole video, chooses one fixed square around all its positions, and writes the
- * cropped frames and the sound. */
+ * cropped frames. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -8,7 +8,7 @@
 
 #include "core/format.h"
 #include "io/file.h"
-#include "media/speech_network.h"
+#include "prepare/clip_sound.h"
 #include "prepare/face_detector.h"
 #include "prepare/footage.h"
 #include "prepare/prepare_record.h"
@@ -30,7 +30,6 @@ enum {
   FACES = 8,                        /* most faces of a look */
   THUMB = 32,                       /* pixels a side of the thumbnails that find cuts */
   QUALITY = 98,                     /* JPEG quality of ori_imgs */
-  SOUND_RATE = 16000,               /* samples a second of aud.wav */
   FAINTEST = 16,                    /* of 32767, -66 dB: no sample of a muted track is larger, dither included */
   PATIENCE = 60 * ERN_PREPARE_RATE, /* frames without a face after which the step gives up, */
   LONG_PATIENCE = 10 * PATIENCE,    /* and where it searches for a segment, which need not have the video's beginning */
@@ -360,51 +359,31 @@ fail:
   return status;
 }
 
-/* Reads the sound of the clip's frames in mono, as it will be in aud.wav; none where the video has no sound. A track
- * without speech is refused. */
-static ern_status read_sound(struct scan *s, ern_sound *sound) {
-  ern_status status = ERN_OK;
+/* Refuses a track without speech, before the frames are written; aud.wav is of the step "features". */
+static ern_status check_sound(struct scan *s) {
   struct ern_prepare_job *job = s->job;
-  struct ern_footage footage = {0};
-  float *samples = NULL;
-  size_t count = 0;
+  ern_sound sound = {0};
+  double missing = 0;
+  const ern_status status = ern_prepare_sound_read(job, s->frames, &sound, &missing);
+  if (status != ERN_OK || sound.data == NULL) return status;
   int loudest = 0;
-  ERN_TRY(ern_footage_open(job, &footage));
-  if (!footage.info.has_sound) goto fail;
-  ERN_TRY(ern_speech_wave(job->context, job->video, SOUND_RATE, &samples, &count));
-  const double begin = footage.first - footage.info.start + footage.from;
-  const long long first = llround(begin * SOUND_RATE);
-  const size_t length = s->frames * (SOUND_RATE / ERN_PREPARE_RATE);
-  const double end = (double)count / SOUND_RATE - begin, wanted = (double)length / SOUND_RATE;
-  if (end + SOUND_SHORTER < wanted)
+  for (size_t i = 0; i < sound.frames; i++)
+    if (abs(sound.data[i]) > loudest) loudest = abs(sound.data[i]);
+  const double wanted = (double)s->frames / ERN_PREPARE_RATE, end = fmax(wanted - missing, 0);
+  double from = 0, to = 0;
+  ern_prepare_part(job, &from, &to);
+  if (missing > SOUND_SHORTER)
     ern_prepare_add_reason(
         job, ERN_PREPARE_DOUBTFUL,
         "the sound ends at %.2f s of the %.2f s of pictures, and silence follows; expected sound to the "
         "end, or --to %.2f",
-        fmax(end, 0), wanted, footage.from + fmax(end, 0));
-  ERN_TRY(ERN_NEW(job->context, length, &sound->data));
-  *sound = (ern_sound){.rate = SOUND_RATE, .channels = 1, .frames = length, .data = sound->data};
-  for (size_t i = 0; i < length; i++) {
-    const long long at = first + (long long)i;
-    const float value = at >= 0 && (size_t)at < count ? samples[at] : 0;
-    sound->data[i] = (int16_t)lrintf(fminf(fmaxf(value, -1), 1) * 32767);
-    if (abs(sound->data[i]) > loudest) loudest = abs(sound->data[i]);
-  }
+        end, wanted, from + end);
   if (loudest < FAINTEST && job->options->features == NULL)
     ern_prepare_add_reason(job, ERN_PREPARE_REFUSED,
                            "the sound of the part is silent, and a mouth cannot be learnt without speech; expected a "
                            "video whose sound is not muted, or --features FILE.npy");
-fail:
-  ern_release(job->context, samples);
-  ern_footage_close(&footage);
-  return status;
-}
-
-static ern_status write_sound(struct ern_prepare_job *job, const ern_sound *sound) {
-  char path[ERN_PREPARE_PATH];
-  if (sound->data == NULL) return ERN_OK;
-  const ern_status status = ern_prepare_register_output(job, "aud.wav", path);
-  return status == ERN_OK ? ern_sound_write_wav(job->context, path, sound) : status;
+  ern_sound_free(job->context, &sound);
+  return ERN_OK;
 }
 
 /* Text that describes --from and --to in the video; "" where neither is set. */
@@ -500,19 +479,17 @@ ern_status ern_prepare_face(struct ern_prepare_job *job) {
   ern_status status = ERN_OK;
   struct scan scan = {.job = job};
   double face = 0, region[4] = {0};
-  ern_sound sound = {0};
   bool found = false;
   ERN_TRY(ern_face_detector_make(job->context, job->options->detector, &scan.detector));
   ERN_TRY(scan_part(&scan, &found));
   if (!found || !check_scan(&scan)) goto fail;
-  ERN_TRY(read_sound(&scan, &sound));
+  ERN_TRY(check_sound(&scan));
   if (job->verdict->grade == ERN_PREPARE_REFUSED) goto fail;
   ERN_TRY(drop_outliers(&scan, &face));
   place_crop(&scan, face, region);
   check_crop(&scan, face, region);
   ERN_TRY(begin_frames(&scan));
   ERN_TRY(write_frames(&scan, region));
-  ERN_TRY(write_sound(job, &sound));
   job->frames = scan.frames;
   ERN_TRY(ern_prepare_faces_write(job, scan.faces, take_faces(&scan, region)));
   char hash[65]; /* by which `ernerf dub` knows the video */
@@ -523,7 +500,6 @@ ern_status ern_prepare_face(struct ern_prepare_job *job) {
   if (crop == NULL || json_object_set_new(job->record, "crop", crop) != 0)
     ERN_TRY(ern_fail(job->context, ERN_E_NO_MEMORY, "%s: no memory for its record", job->folder));
 fail:
-  ern_sound_free(job->context, &sound);
   ern_face_detector_free(&scan.detector);
   ern_release(job->context, scan.faces);
   return status;

@@ -58,7 +58,11 @@ static void settings_of(const struct ern_prepare_job *job, size_t step, char set
                ern_prepare_fingerprint(o->masks, a), ern_prepare_fingerprint(o->background, b));
       break;
     case 4: snprintf(settings, SETTINGS, "au %s", ern_prepare_fingerprint(o->au, a)); break;
-    case 5: snprintf(settings, SETTINGS, "features %s", ern_prepare_fingerprint(o->features, a)); break;
+    case 5:
+      ern_format(settings, SETTINGS, "features %s", ern_prepare_fingerprint(o->features, a));
+      if (o->sound_offset != 0)
+        ern_format(settings + strlen(settings), SETTINGS - strlen(settings), " sound offset %.6g", o->sound_offset);
+      break;
     default: break;
   }
   keep_text(settings);

@@ -139,12 +139,12 @@ void ern_prepare_figure(struct ern_prepare_job *job, const char *name, double va
 
 /* The steps. Each reads the files of the earlier steps from the folder and sets its verdict; it replaces only its own
  * files. */
-ern_status ern_prepare_face(struct ern_prepare_job *job);      /* video -> ori_imgs/ID.jpg, aud.wav, faces.csv */
+ern_status ern_prepare_face(struct ern_prepare_job *job);      /* video -> ori_imgs/ID.jpg, faces.csv */
 ern_status ern_prepare_pose(struct ern_prepare_job *job);      /* -> transforms_*.json */
 ern_status ern_prepare_landmarks(struct ern_prepare_job *job); /* -> ori_imgs/ID.lms */
 ern_status ern_prepare_layers(struct ern_prepare_job *job);    /* -> parsing, bc.jpg, torso_imgs, gt_imgs */
 ern_status ern_prepare_eyes(struct ern_prepare_job *job);      /* -> au.csv */
-ern_status ern_prepare_features(struct ern_prepare_job *job);  /* -> aud.npy where features are supplied */
+ern_status ern_prepare_features(struct ern_prepare_job *job);  /* -> aud.wav; aud.npy where features are supplied */
 /* Checks of the files that the user supplies for a step, and of what the step still needs. They read the files as the
  * step does, after the frames exist, and write nothing. */
 ERN_NODISCARD ern_status ern_prepare_pose_check(struct ern_prepare_job *job);

@@ -38,7 +38,7 @@ static const struct file {
              {"prepare", "shown_5.jpg", REPORT},
              {"prepare", "shown_6.jpg", REPORT},
              {"prepare", "shown_7.jpg", REPORT},
-             {"", "aud.wav", FACE},
+             {"", "aud.wav", FEATURES},
              {"", "transforms_train.json", POSE},
              {"", "transforms_val.json", POSE},
              {"", "bc.jpg", LAYERS},

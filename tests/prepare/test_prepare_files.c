@@ -315,7 +315,7 @@ static void test_files_there(void **state) {
     size_t step;
     const char *name;
   } all[] = {{FACE, "ori_imgs/0.jpg"},      {FACE, "ori_imgs/1.jpg"},
-             {FACE, "ori_imgs/2.jpg"},      {FACE, "aud.wav"},
+             {FACE, "ori_imgs/2.jpg"},      {FEATURES, "aud.wav"},
              {FACE, "prepare/faces.csv"},   {POSE, "transforms_train.json"},
              {POSE, "transforms_val.json"}, {POSE, "prepare/pose.csv"},
              {LANDMARKS, "ori_imgs/0.lms"}, {LANDMARKS, "ori_imgs/1.lms"},
@@ -374,12 +374,14 @@ static void test_files_not_written(void **state) {
     m.job.record = json_pack("{s:{s:{s:{s:f}}, s:{s:{s:f}}}}", "steps", "face", "figures", "sound", (double)found,
                              "eyes", "figures", "blinks", 3.0 * found);
     assert_non_null(m.job.record);
-    assert_true(ern_prepare_files_there(&m.job, FACE) == (found == 0));
+    assert_true(ern_prepare_files_there(&m.job, FACE));
+    assert_true(ern_prepare_files_there(&m.job, FEATURES) == (found == 0));
     assert_true(ern_prepare_files_there(&m.job, EYES) == (found == 0));
   }
   assert_false(ern_prepare_files_there(&m.job, POSE));
   m.options.poses = "own.json";
   assert_true(ern_prepare_files_there(&m.job, POSE));
+  support_write_text("clip/aud.wav", "made");
   assert_true(ern_prepare_files_there(&m.job, FEATURES));
   m.options.features = "own.npy";
   assert_false(ern_prepare_files_there(&m.job, FEATURES));

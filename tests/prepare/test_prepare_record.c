@@ -298,7 +298,7 @@ static void test_not_made(void **state) {
     const char *name;
     size_t step;
   } mine[] = {
-      {"ori_imgs/3.jpg", 0}, {"prepare/shown_0.jpg", 0}, {"aud.wav", 0}, {"overlay.mp4", 0}, {"transforms_val.json", 1},
+      {"ori_imgs/3.jpg", 0}, {"prepare/shown_0.jpg", 0}, {"aud.wav", 5}, {"overlay.mp4", 0}, {"transforms_val.json", 1},
       {"ori_imgs/0.lms", 2}, {"parsing/12.png", 3},      {"bc.jpg", 3},  {"au.csv", 4},      {"aud.npy", 5}};
   struct made_job m;
   char path[ERN_PREPARE_PATH];

@@ -1,0 +1,77 @@
+/* SPDX-License-Identifier: MIT
+ * How late a sound is against a mouth, and how much of it is speech. */
+#include "prepare/clip_sound.h"
+#include "prepare/jaw_weights.h"
+#include "prepare_test.h"
+
+enum { FRAMES = 300, WINDOW = 16 * 13 };
+
+/* A jaw that opens and closes four times a second or so, never twice alike. */
+static void make_jaw(double *jaw, size_t count, uint64_t seed) {
+  double speed = 0, place = 0;
+  for (size_t i = 0; i < count; i++) {
+    speed = 0.7 * speed + made_random(&seed) - 0.5 * place;
+    place += 0.6 * speed;
+    jaw[i] = place;
+  }
+}
+
+/* Cepstra whose jaw, as the map of `prepare` tells it, is jaw[t]. */
+static ern_features heard(const double *jaw, size_t count) {
+  static float data[FRAMES * WINDOW];
+  for (size_t i = 0; i < count * WINDOW; i++)
+    data[i] = (float)(10 * jaw[i / WINDOW] * (double)(&ern_jaw_weights[0][0])[i % WINDOW]);
+  return (ern_features){.windows = count, .window_length = 16, .width = 13, .data = data};
+}
+
+static struct ern_sound_lag measure(const double *jaw, const float *opening, size_t count) {
+  ern_context *context = support_context();
+  struct ern_sound_lag lag;
+  const ern_features cepstra = heard(jaw, count);
+  support_ok(context, ern_sound_lag_measure(context, &cepstra, opening, count, &lag));
+  ern_context_free(&context);
+  return lag;
+}
+
+static void test_lag(void **state) {
+  (void)state;
+  double jaw[FRAMES + 40], other[FRAMES + 40];
+  float opening[FRAMES];
+  make_jaw(jaw, FRAMES + 40, 77);
+  make_jaw(other, FRAMES + 40, 78);
+  for (int late = -9; late <= 9; late += 3) {
+    uint64_t noise = 5;
+    /* the mouth also smiles for seconds, and the landmarks tremble */
+    for (int i = 0; i < FRAMES; i++)
+      opening[i] = (float)(0.1 + 0.02 * jaw[20 + late + i] + 0.05 * sin(i / 40.0) + 0.01 * made_random(&noise));
+    const struct ern_sound_lag lag = measure(jaw + 20, opening, FRAMES);
+    assert_true(lag.certain && fabs(lag.seconds - late / 25.0) < 0.01 && lag.correlation > 0.8);
+  }
+  for (int i = 0; i < FRAMES; i++) opening[i] = (float)other[i];
+  assert_false(measure(jaw, opening, FRAMES).certain); /* another's words */
+  for (int i = 0; i < FRAMES; i++) opening[i] = (float)jaw[i];
+  assert_false(measure(jaw, opening, 99).certain); /* too short */
+  for (int i = 0; i < FRAMES; i++) opening[i] = 0.25f;
+  const struct ern_sound_lag none = measure(jaw, opening, FRAMES); /* a shut mouth */
+  assert_true(!none.certain && none.correlation == 0);
+}
+
+static void test_speech_share(void **state) {
+  (void)state;
+  static int16_t data[10 * ERN_PREPARE_SOUND_RATE];
+  const size_t count = sizeof data / sizeof *data;
+  const ern_sound sound = {.rate = ERN_PREPARE_SOUND_RATE, .channels = 1, .frames = count, .data = data};
+  assert_true(ern_prepare_speech_share(&sound) == 0);
+  uint64_t seed = 3;
+  for (size_t i = 0; i < count; i++) data[i] = (int16_t)lrint(20 * made_random(&seed)); /* noise, and 1 s of speech */
+  for (size_t i = count / 2; i < count / 2 + ERN_PREPARE_SOUND_RATE; i++)
+    data[i] = (int16_t)lrint(9000 * made_random(&seed));
+  assert_true(fabs(ern_prepare_speech_share(&sound) - 0.1) < 0.01);
+  data[1000] = 32767; /* a click is no speech */
+  assert_true(fabs(ern_prepare_speech_share(&sound) - 0.1) < 0.01);
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_lag), cmocka_unit_test(test_speech_share)};
+  return cmocka_run_group_tests(tests, NULL, NULL);
+}
