@@ -269,7 +269,12 @@ static void test_refusals(void **state) {
       {"train whole -o x.safetensors --effects none,eye", "\"none\" is none of them", 2},
       {"train whole -o x.safetensors --effects eye --ind-num 40", "--effects has no codes", 2},
       {"train whole --torso --head whole.safetensors -o x.safetensors --effects eye", "--torso", 2},
+      {"render whole.safetensors --clip whole -o x.mp4 --max-steps 5000", "number from 0 to 1024; 0: as in training",
+       2},
       {"train open -o x.safetensors --effects eye", "no au.csv", 1},
+      {"train open -o x.safetensors --set eye-attention=concat", "there is no au.csv", 1},
+      {"train open -o x.safetensors --set eye-attention=concat --effects codes", "there is no au.csv", 1},
+      {"train whole -o x.safetensors --set eye-attention=concat --effects codes", "--effects has no eye", 1},
       {"train mute -o x.safetensors", "the mouth would not move", 1},
       {"train bust --torso --head whole.safetensors -o x.safetensors --force", "transparent everywhere", 1},
   };
