@@ -169,10 +169,11 @@ bool ern_setting_read(const ern_setting *s, const char *text, void *config) {
   return true;
 }
 
-/* The fewest digits that read as the same number. */
+/* The fewest digits that read as the same number; of -0 those of 0, which is the same value. */
 static void write_real(double value, bool wide, char text[ERN_SETTING_TEXT_BYTES]) {
   double read = 0;
   int digits = 3;
+  if (value == 0) value = 0;
   do ern_format(text, ERN_SETTING_TEXT_BYTES, "%.*g", digits, value);
   while (digits++ < (wide ? 17 : 9) &&
          !(ern_format_read(text, &read) && (wide ? read == value : (float)read == (float)value)));
