@@ -124,6 +124,8 @@ static void test_torso(void **state) {
   json_t *report = check("bust", "audio camera eye codes view", "torso");
   assert_true(measure(report, "torso_cover") == 0);
   json_decref(report);
+  cli_run(&cli, "check bust");
+  cli_expect_out(&cli, 0, "there is no torso to learn", "`ernerf train --torso` cannot run on it", NULL);
   cli_copy("whole", "glued");
   glue_torso("glued");
   report = check("glued", "audio camera eye codes view torso", "");
