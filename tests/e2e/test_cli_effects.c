@@ -90,6 +90,28 @@ static void test_camera(void **state) {
   json_decref(report);
 }
 
+/* Directions on a cross: neither end of its long bar is the furthest from the first frame, in the middle. */
+static void test_widest_turn(void **state) {
+  (void)state;
+  static const double ends[4][2] = {{0, 0}, {0, 5}, {-4.9, 0}, {4.9, 0}}; /* degrees */
+  const double degree = 3.14159265358979323846 / 180;
+  cli_copy("still", "cross");
+  json_t *clip = json_load_file("cross/transforms_train.json", 0, NULL), *frame;
+  size_t i;
+  json_array_foreach(json_object_get(clip, "frames"), i, frame) {
+    const double *end = ends[i < 4 ? i : 0], place[] = {tan(end[0] * degree), tan(end[1] * degree), 1};
+    for (size_t row = 0; row < 3; row++)
+      json_array_set_new(json_array_get(json_object_get(frame, "transform_matrix"), row), 3, json_real(place[row]));
+  }
+  support_clear("cross/transforms_train.json");
+  assert_int_equal(json_dump_file(clip, "cross/transforms_train.json", 0), 0);
+  json_decref(clip);
+  cli_run(&cli, "check cross --json -");
+  json_t *report = cli_json(&cli, NULL);
+  assert_true(fabs(measure(report, "turn") - 9.8) < 1e-4); /* floats */
+  json_decref(report);
+}
+
 /* A torso layer that is a disc where the head is seen, in each frame. */
 static void glue_torso(const char *clip) {
   ern_context *context = support_context();
@@ -290,14 +312,10 @@ static void test_refusals(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_whole),
-                                     cmocka_unit_test(test_blink),
-                                     cmocka_unit_test(test_camera),
-                                     cmocka_unit_test(test_torso),
-                                     cmocka_unit_test(test_speech),
-                                     cmocka_unit_test(test_train_long),
-                                     cmocka_unit_test(test_from_without_torso_long),
-                                     cmocka_unit_test(test_use_long),
-                                     cmocka_unit_test(test_refusals)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_whole),      cmocka_unit_test(test_blink),
+                                     cmocka_unit_test(test_camera),     cmocka_unit_test(test_widest_turn),
+                                     cmocka_unit_test(test_torso),      cmocka_unit_test(test_speech),
+                                     cmocka_unit_test(test_train_long), cmocka_unit_test(test_from_without_torso_long),
+                                     cmocka_unit_test(test_use_long),   cmocka_unit_test(test_refusals)};
   return cmocka_run_group_tests(tests, make_clips, NULL);
 }
