@@ -35,6 +35,7 @@ if(TARGET ernerf-probe-opencl) # started by libernerf, not by users
 endif()
 if(ERNERF_OPENCL) # for a machine with a GPU and without a compiler
   install(PROGRAMS ${PROJECT_SOURCE_DIR}/tools/device-check DESTINATION ${CMAKE_INSTALL_DATADIR}/ernerf)
+  install(FILES ${PROJECT_SOURCE_DIR}/tools/child.sh DESTINATION ${CMAKE_INSTALL_DATADIR}/ernerf)
 endif()
 install(DIRECTORY ${PROJECT_SOURCE_DIR}/include/ernerf DESTINATION ${CMAKE_INSTALL_INCLUDEDIR} FILES_MATCHING PATTERN *.h)
 

@@ -81,15 +81,15 @@ def _integer(value, name, kind=ctypes.c_size_t):
 
 
 def _array(value, name, dtype, *shape):
-    """`value` as it is, or a copy in C order; None in `shape` is any size."""
-    if not isinstance(value, np.ndarray):
+    """`value` as it is, or an aligned copy in C order; None in `shape` is any size."""
+    if not isinstance(value, np.ndarray) or isinstance(value, np.ma.MaskedArray):  # C would not see the mask
         raise TypeError(f"{name}: {type(value).__name__}, expected a NumPy array")
     if value.dtype != dtype:
         raise TypeError(f"{name}: dtype {value.dtype}, expected {np.dtype(dtype).name}")
     if value.ndim != len(shape) or any(want not in (None, is_) for want, is_ in zip(shape, value.shape)):
         expected = ", ".join("any" if size is None else str(size) for size in shape)
         raise ValueError(f"{name}: shape {value.shape}, expected ({expected})")
-    return np.ascontiguousarray(value)
+    return np.require(value, requirements=("C", "ALIGNED"))
 
 
 def _object(value, kind, name):

@@ -72,16 +72,23 @@ static void reset(const ern_setting *s, void *config) {
   memcpy((char *)config + s->at, &value, bytes_of(s));
 }
 
+/* What the help says of 0, with the ';' before it; "" where it says nothing. */
+static const char *meaning_of_0(const ern_setting *s) {
+  const char *at = s->help != NULL ? strstr(s->help, "0: ") : NULL;
+  while (at != NULL && at > s->help && *at != ';') at--;
+  return at != NULL ? at : "";
+}
+
 static ern_status check(ern_context *context, const char *what, const ern_setting *s, const void *config) {
   if (!is_value(s) || s->type == ERN_SETTING_BOOL) return ERN_OK;
   const double found = number_of(s, value_of(s, config));
   if (is_within(s, found)) return ERN_OK;
   if (s->type == ERN_SETTING_FLOAT || s->type == ERN_SETTING_DOUBLE)
-    return ern_fail(context, ERN_E_ARGUMENT, "%s: %s is %g, expected %g to %g", what, s->name, found, s->least,
-                    s->most);
+    return ern_fail(context, ERN_E_ARGUMENT, "%s: %s is %g, expected %g to %g%s", what, s->name, found, s->least,
+                    s->most, meaning_of_0(s));
   const bool word = s->type == ERN_SETTING_WORD;
   return ern_fail(context, ERN_E_ARGUMENT, "%s: %s is %.0f, expected %.0f to %.0f%s%s", what, s->name, found, s->least,
-                  s->most, word ? ", which are " : "", word ? s->words : "");
+                  s->most, word ? ", which are " : meaning_of_0(s), word ? s->words : "");
 }
 
 void ern_settings_reset(const ern_setting *table, size_t rows, void *config) {
@@ -162,10 +169,11 @@ bool ern_setting_read(const ern_setting *s, const char *text, void *config) {
   return true;
 }
 
-/* The fewest digits that read as the same number. */
+/* The fewest digits that read as the same number; of -0 those of 0, which is the same value. */
 static void write_real(double value, bool wide, char text[ERN_SETTING_TEXT_BYTES]) {
   double read = 0;
   int digits = 3;
+  if (value == 0) value = 0;
   do ern_format(text, ERN_SETTING_TEXT_BYTES, "%.*g", digits, value);
   while (digits++ < (wide ? 17 : 9) &&
          !(ern_format_read(text, &read) && (wide ? read == value : (float)read == (float)value)));

@@ -94,6 +94,17 @@ fail:
   return status;
 }
 
+/* Other tracks may be other languages, or a microphone that was recorded apart. */
+static void warn_of_other_sound(const struct ern_decoder *decoder) {
+  unsigned tracks = 0;
+  for (unsigned i = 0; i < decoder->container->nb_streams; i++)
+    tracks += decoder->container->streams[i]->codecpar->codec_type == AVMEDIA_TYPE_AUDIO;
+  if (tracks > 1)
+    ern_log(decoder->context, ERN_LOG_WARNING,
+            "%s: has %u tracks of sound, of which stream %d is taken, as players do; expected one", decoder->path,
+            tracks, decoder->stream->index);
+}
+
 static ern_status open_decoder(struct ern_decoder *decoder, enum AVMediaType type, int threads) {
   ern_context *context = decoder->context;
   const char *kind = type == AVMEDIA_TYPE_AUDIO ? "sound" : "video";
@@ -109,6 +120,7 @@ static ern_status open_decoder(struct ern_decoder *decoder, enum AVMediaType typ
     if ((int)i != index) decoder->container->streams[i]->discard = AVDISCARD_ALL;
   }
   decoder->stream = decoder->container->streams[index];
+  if (type == AVMEDIA_TYPE_AUDIO) warn_of_other_sound(decoder);
   const AVCodecParameters *claimed = decoder->stream->codecpar;
   if (type == AVMEDIA_TYPE_VIDEO && (claimed->width > ERN_IMAGE_MAX_SIDE || claimed->height > ERN_IMAGE_MAX_SIDE))
     return ern_image_check_sides(context, decoder->path, claimed->width, claimed->height);

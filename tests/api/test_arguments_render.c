@@ -152,6 +152,15 @@ CHECK(ern_renderer_create) {
     options.threads = i == 0 ? -1 : ERN_THREADS_MOST + 1;
     REFUSED(w.context, "threads is ", ern_renderer_create(&made, w.backend, w.model, &options));
   }
+  options.threads = 0;
+  options.max_steps = 5000; /* the message says what 0 means */
+  REFUSED(w.context, "max_steps is 5000, expected 0 to 1024; 0: as in training",
+          ern_renderer_create(&made, w.backend, w.model, &options));
+  options.max_steps = 0;
+  options.dt_gamma = 2;
+  REFUSED(w.context, "dt_gamma is 2, expected -1 to 1; below 0: as in training",
+          ern_renderer_create(&made, w.backend, w.model, &options));
+  options.dt_gamma = -1;
   options.threads = ERN_THREADS_MOST; /* what the header allows is taken */
   support_ok(w.context, ern_renderer_create(&made, w.backend, w.model, &options));
   ern_renderer_free(&made);

@@ -104,6 +104,9 @@ static void test_values(void **state) {
   ern_setting_write(named("seed"), &config, text);
   assert_string_equal(text, "18446744073709551615");
   assert_true(ern_setting_read(named("codes"), "-1", &config) && config.codes == -1);
+  assert_true(ern_setting_read(named("lr"), "-0", &config));
+  ern_setting_write(named("lr"), &config, text);
+  assert_string_equal(text, "0"); /* the same value as 0 has the same text */
   assert_true(ern_setting_read(named("ray_sampling"), "dub", &config) && config.ray_sampling == ERN_RAY_SAMPLING_DUB);
   assert_true(ern_setting_read(named("ema"), "yes", &config) && config.ema);
   assert_true(ern_setting_read(named("ema"), "no", &config) && !config.ema);

@@ -342,6 +342,7 @@ static void test_without_weights(void **state) {
   cli_expect(&cli, 0, NULL);
   json_t *report = cli_json(&cli, NULL);
   assert_true(json_is_null(member(report, "lpips_network")));
+  assert_string_equal(json_string_value(member(report, "against")), "clip");
   assert_null(json_object_get(member(report, "a"), "lpips"));
   json_decref(report);
   char *csv = (char *)cli_bytes("plain/frames.csv", &bytes), *page = (char *)cli_bytes("plain/index.html", &bytes);

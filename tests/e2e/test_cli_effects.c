@@ -90,6 +90,28 @@ static void test_camera(void **state) {
   json_decref(report);
 }
 
+/* Directions on a cross: neither end of its long bar is the furthest from the first frame, in the middle. */
+static void test_widest_turn(void **state) {
+  (void)state;
+  static const double ends[4][2] = {{0, 0}, {0, 5}, {-4.9, 0}, {4.9, 0}}; /* degrees */
+  const double degree = 3.14159265358979323846 / 180;
+  cli_copy("still", "cross");
+  json_t *clip = json_load_file("cross/transforms_train.json", 0, NULL), *frame;
+  size_t i;
+  json_array_foreach(json_object_get(clip, "frames"), i, frame) {
+    const double *end = ends[i < 4 ? i : 0], place[] = {tan(end[0] * degree), tan(end[1] * degree), 1};
+    for (size_t row = 0; row < 3; row++)
+      json_array_set_new(json_array_get(json_object_get(frame, "transform_matrix"), row), 3, json_real(place[row]));
+  }
+  support_clear("cross/transforms_train.json");
+  assert_int_equal(json_dump_file(clip, "cross/transforms_train.json", 0), 0);
+  json_decref(clip);
+  cli_run(&cli, "check cross --json -");
+  json_t *report = cli_json(&cli, NULL);
+  assert_true(fabs(measure(report, "turn") - 9.8) < 1e-4); /* floats */
+  json_decref(report);
+}
+
 /* A torso layer that is a disc where the head is seen, in each frame. */
 static void glue_torso(const char *clip) {
   ern_context *context = support_context();
@@ -124,6 +146,8 @@ static void test_torso(void **state) {
   json_t *report = check("bust", "audio camera eye codes view", "torso");
   assert_true(measure(report, "torso_cover") == 0);
   json_decref(report);
+  cli_run(&cli, "check bust");
+  cli_expect_out(&cli, 0, "there is no torso to learn", "`ernerf train --torso` cannot run on it", NULL);
   cli_copy("whole", "glued");
   glue_torso("glued");
   report = check("glued", "audio camera eye codes view torso", "");
@@ -269,7 +293,12 @@ static void test_refusals(void **state) {
       {"train whole -o x.safetensors --effects none,eye", "\"none\" is none of them", 2},
       {"train whole -o x.safetensors --effects eye --ind-num 40", "--effects has no codes", 2},
       {"train whole --torso --head whole.safetensors -o x.safetensors --effects eye", "--torso", 2},
+      {"render whole.safetensors --clip whole -o x.mp4 --max-steps 5000", "number from 0 to 1024; 0: as in training",
+       2},
       {"train open -o x.safetensors --effects eye", "no au.csv", 1},
+      {"train open -o x.safetensors --set eye-attention=concat", "there is no au.csv", 1},
+      {"train open -o x.safetensors --set eye-attention=concat --effects codes", "there is no au.csv", 1},
+      {"train whole -o x.safetensors --set eye-attention=concat --effects codes", "--effects has no eye", 1},
       {"train mute -o x.safetensors", "the mouth would not move", 1},
       {"train bust --torso --head whole.safetensors -o x.safetensors --force", "transparent everywhere", 1},
   };
@@ -283,14 +312,10 @@ static void test_refusals(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_whole),
-                                     cmocka_unit_test(test_blink),
-                                     cmocka_unit_test(test_camera),
-                                     cmocka_unit_test(test_torso),
-                                     cmocka_unit_test(test_speech),
-                                     cmocka_unit_test(test_train_long),
-                                     cmocka_unit_test(test_from_without_torso_long),
-                                     cmocka_unit_test(test_use_long),
-                                     cmocka_unit_test(test_refusals)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_whole),      cmocka_unit_test(test_blink),
+                                     cmocka_unit_test(test_camera),     cmocka_unit_test(test_widest_turn),
+                                     cmocka_unit_test(test_torso),      cmocka_unit_test(test_speech),
+                                     cmocka_unit_test(test_train_long), cmocka_unit_test(test_from_without_torso_long),
+                                     cmocka_unit_test(test_use_long),   cmocka_unit_test(test_refusals)};
   return cmocka_run_group_tests(tests, make_clips, NULL);
 }

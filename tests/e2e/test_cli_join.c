@@ -124,6 +124,10 @@ static void test_join(void **state) {
   assert_int_equal(count, CLIP_FRAMES);
   cli_run(&cli, "join parts --wav clip/aud.wav -o joined.mp4 --overwrite");
   cli_expect(&cli, 0, "5 videos", NULL);
+  assert_null(strstr(cli.err, "silent"));
+  cli_run(&cli, "join parts --wav clip/aud.wav --wav-start 0.5 -o late.mp4 --overwrite");
+  cli_expect(&cli, 0, "late.mp4: 0.38 s of sound from the first frame on, the pictures last 0.88 s: the rest is silent",
+             NULL);
   assert_int_equal(decode("joined.mp4", joined, 0), count);
   assert_memory_equal(joined, parts, bytes);
   expect_same_sound("joined.mp4", "whole.mp4");

@@ -50,8 +50,7 @@ static void test_round_trip(void **state) {
     ern_sound made = noise(cases[i].rate, cases[i].channels, cases[i].frames), read = {0};
     support_ok(context, ern_sound_write_wav(context, "round.wav", &made));
     support_ok(context, ern_sound_read(context, "round.wav", &read));
-    assert_int_equal(read.rate, made.rate);
-    assert_int_equal(read.channels, made.channels);
+    assert_true(read.rate == made.rate && read.channels == made.channels);
     assert_int_equal(read.frames, made.frames);
     assert_memory_equal(read.data, made.data, made.frames * (size_t)made.channels * 2);
     ern_sound_free(context, &made);
@@ -363,7 +362,8 @@ static void test_times(void **state) {
     config.user = said;
     assert_int_equal(ern_context_create(&loud, &config), ERN_OK);
     support_ok(loud, ern_sound_read(loud, "times.mka", &sound));
-    assert_true(cases[k].said[0] != 0 ? strstr(said, cases[k].said) != NULL : said[0] == 0);
+    assert_true(strstr(said, "2 tracks of sound, of which stream 1") && strstr(said, cases[k].said));
+    assert_int_equal(strchr(said, '\n')[1] != 0, cases[k].said[0] != 0); /* and nothing else */
     assert_int_equal(sound.frames, cases[k].begin[3]);
     for (size_t i = 0; i < sound.frames; i++) {
       int of = 2;

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT
  * Videos as other programs write them: turned and mirrored, with sound that begins earlier or later, cut short. */
+#include <libavcodec/bsf.h>
 #include <libavformat/avformat.h>
 #include <math.h>
 #include <stdio.h>
@@ -120,8 +121,8 @@ static void test_cover_alone(void **state) {
 
 /* ---- remuxed ----------------------------------------------------------------------------------------------------- */
 
-/* Copies the coded streams of an mp4 to another, its sound `later` seconds. Up to `until` seconds of each are there
- * when its place ends; *cut: bytes of the file up to there. */
+/* Copies the coded streams of an mp4 to another, its sound `later` seconds. Up to `until` seconds of each are
+ * there when its place ends; *cut: bytes of the file up to there. */
 static void remux(const char *from, const char *to, double later, double until, int64_t *cut) {
   AVFormatContext *in = NULL, *out = NULL;
   AVPacket *packet = av_packet_alloc();
@@ -158,19 +159,30 @@ static void remux(const char *from, const char *to, double later, double until, 
   av_dict_free(&options);
 }
 
-/* Copies the pictures of a file to Matroska, which says that they are interlaced. */
-static void copy_as_interlaced(const char *from, const char *to) {
+/* Copies the coded pictures of a file to one of another format. */
+static void copy_pictures(const char *from, const char *to, enum AVFieldOrder order) {
   AVFormatContext *in = NULL, *out = NULL;
   AVPacket *packet = av_packet_alloc();
+  AVBSFContext *plain = NULL;
+  int64_t begin = AV_NOPTS_VALUE;
   assert_true(avformat_open_input(&in, from, NULL, NULL) >= 0);
-  assert_true(avformat_alloc_output_context2(&out, NULL, "matroska", to) >= 0);
+  assert_true(avformat_alloc_output_context2(&out, NULL, NULL, to) >= 0);
   AVStream *stream = avformat_new_stream(out, NULL);
   assert_true(avcodec_parameters_copy(stream->codecpar, in->streams[0]->codecpar) >= 0);
-  stream->codecpar->field_order = AV_FIELD_TT;
+  stream->codecpar->codec_tag = 0;
+  stream->codecpar->field_order = order;
+  stream->time_base = (AVRational){1, 25}; /* in AVI the duration of a frame */
+  const bool h264 = stream->codecpar->codec_id == AV_CODEC_ID_H264;
+  assert_true(av_bsf_list_parse_str(h264 ? "h264_mp4toannexb" : "null", &plain) >= 0); /* for AVI */
+  assert_true(avcodec_parameters_copy(plain->par_in, stream->codecpar) >= 0 && av_bsf_init(plain) >= 0);
   assert_true(avio_open(&out->pb, to, AVIO_FLAG_WRITE) >= 0 && avformat_write_header(out, NULL) >= 0);
   while (av_read_frame(in, packet) >= 0) {
+    assert_int_equal(packet->stream_index, 0);
+    if (begin == AV_NOPTS_VALUE) begin = packet->dts; /* below 0 with B-frames */
+    packet->dts -= begin, packet->pts -= begin;
     av_packet_rescale_ts(packet, in->streams[0]->time_base, stream->time_base);
-    assert_true(packet->stream_index == 0 && av_write_frame(out, packet) >= 0);
+    assert_true(av_bsf_send_packet(plain, packet) >= 0 && av_bsf_receive_packet(plain, packet) >= 0);
+    assert_true(av_write_frame(out, packet) >= 0);
     av_packet_unref(packet);
   }
   assert_true(av_write_trailer(out) >= 0);
@@ -178,6 +190,7 @@ static void copy_as_interlaced(const char *from, const char *to) {
   avformat_free_context(out);
   avformat_close_input(&in);
   av_packet_free(&packet);
+  av_bsf_free(&plain);
 }
 
 /* 4 s of grey and of sound that begins with a click. */
@@ -229,6 +242,39 @@ static void test_sound_and_picture_in_step(void **state) {
     const double found = click_after_picture("shifted.mp4");
     if (fabs(found - later[i]) > 0.01) fail_msg("sound %g s later: its click is %g s later", later[i], found);
   }
+}
+
+/* An AVI has no times of display: FFmpeg gives the last of its frames none where there are B-frames. */
+static void test_avi_with_b_frames(void **state) {
+  (void)state;
+  enum { SIDE = 32, FRAMES = 20 };
+  static uint8_t rgba[SIDE * SIDE * 4];
+  const ern_video_options options = ern_video_options_default(SIDE, SIDE);
+  ern_video_writer *writer = NULL;
+  ern_video_reader *reader = NULL;
+  ern_image image = {0};
+  double seconds = 0, before = -1;
+  bool end = false;
+  int count = 0;
+  support_ok(context, ern_video_writer_open(context, "b.mp4", &options, &writer));
+  for (size_t k = 0; k < FRAMES; k++) {
+    for (size_t i = 0; i < sizeof rgba; i++) rgba[i] = (uint8_t)(i / 4 + k);
+    support_ok(context, ern_video_writer_frame(writer, rgba));
+  }
+  support_ok(context, ern_video_writer_close(&writer));
+  copy_pictures("b.mp4", "b.avi", AV_FIELD_PROGRESSIVE);
+  support_ok(context, ern_video_reader_open(context, "b.avi", &reader));
+  for (;; count++, before = seconds) {
+    support_ok(context, ern_video_reader_frame(reader, &image, &seconds, &end));
+    if (end) break;
+    assert_true(seconds > before);
+  }
+  assert_int_equal(count, FRAMES);
+  support_ok(context, ern_video_reader_seek(reader, before)); /* the last frame */
+  support_ok(context, ern_video_reader_frame(reader, &image, &seconds, &end));
+  assert_true(!end && seconds == before);
+  ern_image_free(context, &image);
+  ern_video_reader_free(&reader);
 }
 
 /* A file that ends between two packets, its header first, is read up to there, with a warning for each stream. */
@@ -328,7 +374,7 @@ static void test_interlaced(void **state) {
   support_ok(context, ern_video_writer_open(context, "rows.mkv", &options, &writer));
   support_ok(context, ern_video_writer_frame(writer, rgba));
   support_ok(context, ern_video_writer_close(&writer));
-  copy_as_interlaced("rows.mkv", "fields.mkv");
+  copy_pictures("rows.mkv", "fields.mkv", AV_FIELD_TT);
   for (int fields = 0; fields < 2; fields++) {
     warned[0] = 0;
     support_ok(context, ern_video_reader_open(context, fields ? "fields.mkv" : "rows.mkv", &reader));
@@ -365,6 +411,7 @@ int main(void) {
       cmocka_unit_test(test_cover_alone),
       cmocka_unit_test(test_display_matrix),
       cmocka_unit_test(test_sound_and_picture_in_step),
+      cmocka_unit_test(test_avi_with_b_frames),
       cmocka_unit_test(test_cut_matroska),
       cmocka_unit_test(test_interlaced),
       cmocka_unit_test(test_transparent),

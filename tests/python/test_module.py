@@ -376,6 +376,7 @@ sys.exit(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
         for kind, words, use in (
                 (TypeError, ("matrix", "float64", "expected float32"), lambda: frame(matrix=np.eye(4))),
                 (TypeError, ("matrix", "list", "NumPy"), lambda: frame(matrix=[[1]])),
+                (TypeError, ("matrix", "MaskedArray", "NumPy"), lambda: frame(matrix=np.ma.masked_array(np.eye(4, dtype="f4")))),
                 (ValueError, ("matrix", "3, 3", "expected", "4, 4"), lambda: frame(matrix=matrix[:3, :3])),
                 (ValueError, ("windows", r"expected \(8, any, 13\)"), lambda: frame(windows=windows[:, :, :4])),
                 (ValueError, ("background", "16, 32, 3"), lambda: frame(background=np.zeros((16, 32, 3), np.uint8))),

@@ -345,7 +345,9 @@ static int take_setting_value(const struct args *args, struct setting_choice *ch
     return -1;
   }
   ern_setting_expected(setting, expected, sizeof expected);
-  return args_refuse(args, "%s is \"%s\", expected %s", shown, text, expected);
+  const char *zero = setting->help != NULL ? strstr(setting->help, "0: ") : NULL; /* what 0 means: to the end */
+  while (zero != NULL && zero > setting->help && *zero != ';') zero--;
+  return args_refuse(args, "%s is \"%s\", expected %s%s", shown, text, expected, zero != NULL ? zero : "");
 }
 
 static int take_setting(const struct args *args, struct option *option, const char *text) {

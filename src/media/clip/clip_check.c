@@ -166,6 +166,7 @@ static void check_alpha(struct report *report) {
         path);
   } else if (transparent == pixels) {
     add_line(report, OPTIONAL, "%s: every pixel is transparent: there is no torso to learn.", path);
+    report->torso = false;
   }
 fail:
   if (status != ERN_OK) say_wrong(report, status, "");

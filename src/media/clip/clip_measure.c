@@ -44,24 +44,28 @@ static double rotation_between(const float a[16], const float b[16]) {
   return 2 * asin(fmin(1, sqrt(sum / 8))) / degree;
 }
 
-/* Returns the frame whose camera direction is furthest from that of frame `from`; *angle: how far. */
-static size_t furthest(const ern_clip *clip, size_t frames, size_t from, double *angle) {
-  double here[3], there[3];
-  size_t found = from;
-  *angle = 0;
-  direction_of(ern_clip_frame_at(clip, ERN_SPLIT_TRAIN, from)->pose.matrix, here);
-  for (size_t i = 0; i < frames; i++) {
-    direction_of(ern_clip_frame_at(clip, ERN_SPLIT_TRAIN, i)->pose.matrix, there);
-    const double found_angle = angle_between(here, there);
-    if (found_angle > *angle) *angle = found_angle, found = i;
+/* The widest angle between two camera directions, that of the least cosine. A clip of 45,000 frames takes a second. */
+static ern_status measure_turn(const ern_clip *clip, ern_clip_measures *m) {
+  double(*direction)[3] = NULL, least = 1;
+  size_t one = 0, other = 0;
+  const ern_status status = ERN_NEW(ern_clip_context(clip), m->frames, &direction);
+  if (status != ERN_OK) return status;
+  for (size_t i = 0; i < m->frames; i++) {
+    const double *here = direction[i];
+    direction_of(ern_clip_frame_at(clip, ERN_SPLIT_TRAIN, i)->pose.matrix, direction[i]);
+    for (size_t j = 0; j < i; j++) {
+      const double cosine = here[0] * direction[j][0] + here[1] * direction[j][1] + here[2] * direction[j][2];
+      if (cosine < least) least = cosine, one = j, other = i;
+    }
   }
-  return found;
+  if (m->frames > 0) m->turn = angle_between(direction[one], direction[other]);
+  ern_release(ern_clip_context(clip), direction);
+  return ERN_OK;
 }
 
 static void measure_poses(const ern_clip *clip, ern_clip_measures *m) {
   const float *first = ern_clip_frame_at(clip, ERN_SPLIT_TRAIN, 0)->pose.matrix;
-  double angle = 0, distance = 0;
-  furthest(clip, m->frames, furthest(clip, m->frames, 0, &angle), &m->turn); /* one end, then the other */
+  double distance = 0;
   for (int i = 0; i < 3; i++) distance += (double)first[4 * i + 3] * (double)first[4 * i + 3];
   for (size_t f = 0; f < m->frames; f++) {
     const float *pose = ern_clip_frame_at(clip, ERN_SPLIT_TRAIN, f)->pose.matrix;
@@ -262,10 +266,11 @@ ern_status ern_clip_measure_sized(ern_clip *clip, ern_clip_measures *measures, s
   ern_clip_info info;
   ern_clip_describe(clip, &info);
   ern_clip_measures own = {.frames = info.frames[ERN_SPLIT_TRAIN]};
+  ern_status status = ERN_OK;
+  ERN_TRY(measure_turn(clip, &own));
   measure_poses(clip, &own);
   measure_eyes(clip, &own);
   measure_sound(clip, &own);
-  ern_status status = ERN_OK;
   ERN_TRY(ern_clip_feature_change(ern_clip_context(clip), ern_clip_features(clip), &own.feature_change));
   ERN_TRY(measure_pictures(clip, &own));
   ern_struct_copy_out(measures, bytes, &own, sizeof own);

@@ -3,6 +3,7 @@
  *
  * Each segment is a sequence of closed groups of pictures, so that only the timestamps change. All segments are read
  * twice: those that cannot be joined are refused before anything is written. */
+#include <math.h>
 #include <stdio.h>
 #include <string.h>
 
@@ -253,6 +254,17 @@ fail:
   return status;
 }
 
+/* Where the sound ends more than a frame before the pictures, of them or of speech, 25 a second. */
+static void warn_of_silence(const struct joined *j, const ern_sound *sound, double start) {
+  if (sound == NULL) return;
+  const double there = fmax((double)sound->frames / sound->rate - start, 0);
+  const double each = av_q2d(av_inv_q(j->rate)), needed = (double)j->pictures * each;
+  if (there < needed - fmax(each, 1.0 / 25))
+    ern_log(j->context, ERN_LOG_WARNING,
+            "%s: %.2f s of sound from the first frame on, the pictures last %.2f s: the rest is silent", j->file.path,
+            there, needed);
+}
+
 static ern_status finish(struct joined *j) {
   AVFormatContext *container = j->muxer.container;
   ern_status status = ERN_OK;
@@ -285,6 +297,7 @@ ern_status ern_video_join(ern_context *context, const char *path, const char *co
   ERN_TRY(read_xmp(&j, segments[0]));
   ERN_TRY(open_output(&j, path, &first, sound, sound_start));
   for (size_t k = 0; k < count; k++) ERN_TRY(add_segment(&j, segments[k]));
+  warn_of_silence(&j, sound, sound_start);
   ERN_TRY(finish(&j));
 fail:
   close_segment(&first);

@@ -41,6 +41,7 @@ struct ern_video_reader {
   bool found;                /* decoder.frame is the frame that a seek found, and the next one to be read */
   int64_t first, until;      /* time stamps: of the first frame, and of the end of the last one so far */
   bool has_first, sought;    /* sought: not read from the beginning on */
+  int64_t due;               /* when the frame after the last decoded one is due; AV_NOPTS_VALUE: not known */
   bool told_transparent;
 };
 
@@ -325,12 +326,27 @@ fail:
   return status;
 }
 
+/* Decodes the next frame. One without a time, as the last one of an AVI with B-frames, gets the time when it is due. */
+static ern_status next_frame(ern_video_reader *reader, bool *end) {
+  AVFrame *frame = reader->decoder.frame;
+  const AVStream *stream = reader->decoder.stream;
+  const ern_status status = ern_decoder_next(&reader->decoder, end);
+  if (status != ERN_OK || *end) return status;
+  if (frame->best_effort_timestamp == AV_NOPTS_VALUE) frame->best_effort_timestamp = reader->due;
+  int64_t lasts = frame->pkt_duration;
+  if (lasts <= 0 && stream->avg_frame_rate.num > 0)
+    lasts = av_rescale_q(1, av_inv_q(stream->avg_frame_rate), stream->time_base);
+  const bool known = frame->best_effort_timestamp != AV_NOPTS_VALUE && lasts > 0;
+  reader->due = known ? frame->best_effort_timestamp + lasts : AV_NOPTS_VALUE;
+  return ERN_OK;
+}
+
 /* The next frame, into decoder.frame, and its time. */
 static ern_status decode(ern_video_reader *reader, double *seconds, bool *end) {
   const AVFrame *frame = reader->decoder.frame;
   ern_status status = ERN_OK;
   *end = false;
-  if (!reader->found) ERN_TRY(ern_decoder_next(&reader->decoder, end));
+  if (!reader->found) ERN_TRY(next_frame(reader, end));
   reader->found = false;
   if (*end) {
     check_end(reader);
@@ -426,10 +442,11 @@ static ern_status seek(ern_video_reader *reader, int64_t at) {
     if (error < 0) ERN_TRY(ern_av_fail(reader->context, ERN_E_UNSUPPORTED, decoder->path, "go back in it", error));
     avcodec_flush_buffers(decoder->codec);
     decoder->drained = false;
-    ERN_TRY(ern_decoder_next(decoder, &end));
+    reader->due = AV_NOPTS_VALUE;
+    ERN_TRY(next_frame(reader, &end));
     if (to == first || (!end && decoder->frame->best_effort_timestamp <= at)) break;
   }
-  while (!end && decoder->frame->best_effort_timestamp < at) ERN_TRY(ern_decoder_next(decoder, &end));
+  while (!end && decoder->frame->best_effort_timestamp < at) ERN_TRY(next_frame(reader, &end));
   reader->found = !end;
 fail:
   return status;

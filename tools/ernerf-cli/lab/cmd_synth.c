@@ -103,7 +103,7 @@ int cmd_synth(int argc, char **argv) {
       {ARGS_OFF("no-blink", &synth.blink), .help = "eyes stay open, no au.csv"},
       {ARGS_OFF("no-torso", &synth.torso), .help = "a head alone, empty torso pictures"},
       {ARGS_OFF("static-camera", &synth.moving_camera),
-       .help = "the head keeps still: every frame has the first one's pose"},
+       .help = "the head keeps still: every frame has the first one's pose, unless --fault moves it"},
       {ARGS_FLOAT("turn", &turn, 1, 40), .choices = "DEG",
        .help = "largest turn of the head left or right, 1 to 40 degrees; nods have at most half of it, tilts a third "
                "(default: chosen by the seed, below 12)"},

@@ -169,9 +169,9 @@ json_t *compare_json(const struct compare *c) {
     json_object_set_new(shown, compare_shown_names[i],
                         json_integer((json_int_t)compare_frame(c, c->shown[i])->pose.img_id));
   const ern_lpips *lpips = c->perceptual.weights.lpips;
-  return json_pack("{s:s, s:i, s:o, s:s, s:i, s:i, s:I, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:o}", "format",
-                   "ernerf.compare", "version", 1, "clip", session_text(c->asked.source.path), "split",
-                   splits[c->asked.split], "width", info->width, "height", info->height, "count",
+  return json_pack("{s:s, s:i, s:o, s:s, s:s, s:i, s:i, s:I, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:o}", "format",
+                   "ernerf.compare", "version", 1, "clip", session_text(c->asked.source.path), "against", "clip",
+                   "split", splits[c->asked.split], "width", info->width, "height", info->height, "count",
                    (json_int_t)compare_frames(c), "a", side_json(c, 0), "b", side_json(c, 1), "lpips_network",
                    lpips != NULL ? json_string(ern_lpips_name(lpips)) : json_null(), "difference", difference_json(c),
                    "shown", shown, "backend", computed ? json_string(backend->name) : json_null(), "isa",
@@ -231,6 +231,8 @@ void compare_text(const struct compare *c, struct bytes *text) {
     add_number(text, m->value[1], 3);
     bytes_print(text, "   (the recorded frames have %s)\n", m->best);
   }
-  bytes_print(text, "\nmeans of %zu frames; the last columns count frames\n%s/index.html\n", compare_frames(c),
-              c->folder);
+  bytes_print(text,
+              "\nmeans of %zu frames; the last columns count frames\ncompared with the clip's pictures, "
+              "gt_imgs\n%s/index.html\n",
+              compare_frames(c), c->folder);
 }

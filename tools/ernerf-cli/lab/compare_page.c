@@ -44,11 +44,11 @@ static void add_cell(struct bytes *page, double value, double interval, int digi
 }
 
 static void add_figures(const struct compare *c, struct bytes *page) {
-  bytes_print(
-      page,
-      "<h2>Against the recorded frames, frame by frame</h2>\n<div class=\"wide\"><table>\n<tr><th class=\"l\">mean "
-      "&plusmn; half of its 95&nbsp;%% interval</th><th>A</th><th>B</th><th>B &minus; A</th><th>frames in "
-      "which<br>A is better</th><th>B is better</th><th>both are equal</th></tr>\n");
+  bytes_print(page,
+              "<h2>Against the recorded frames (gt_imgs), frame by frame</h2>\n<div class=\"wide\"><table>\n<tr><th "
+              "class=\"l\">mean "
+              "&plusmn; half of its 95&nbsp;%% interval</th><th>A</th><th>B</th><th>B &minus; A</th><th>frames in "
+              "which<br>A is better</th><th>B is better</th><th>both are equal</th></tr>\n");
   for (size_t f = 0; f < compare_figure_count(c); f++) {
     const struct compare_summary s = compare_summarise(c, f);
     bytes_print(page, "<tr><td class=\"l\">%s</td>", compare_figures[f].title);

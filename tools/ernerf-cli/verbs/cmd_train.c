@@ -109,6 +109,17 @@ static int choose_effects(struct train_job *job) {
   return 0;
 }
 
+/* Only a head with eyes can have --set eye-attention=concat. */
+static int check_eyes(struct train_job *job) {
+  if (job->config.torso || job->config.eye_attention != ERN_EYE_ATTENTION_CONCAT || job->effects.has[EFFECT_EYE])
+    return 0;
+  const char *why = !job->clip_info.has_blink ? "there is no au.csv"
+                    : !asks_auto(job)         ? "--effects has no eye"
+                    : job->has_from           ? "the head that it begins with has no eyes"
+                                              : "no lid moves in au.csv";
+  return session_fail_with(&job->session, "%s: the eye attention is concat, and %s", job->source.path, why);
+}
+
 /* Puts the effects into the configuration of a head; a torso adopts those of its head. */
 static void take_effects(struct train_job *job, ern_dataset *dataset) {
   const bool *has = job->effects.has;
@@ -321,7 +332,7 @@ static int open_all(struct train_job *job, const struct args *args) {
     status = fine_stage_check_resumed(args, &job->chosen, session, &job->state, &job->fine);
   if (status == 0) status = fine_stage_open(&job->fine, session, &job->config);
   if (status != 0) return status;
-  if ((status = choose_effects(job)) != 0) return status;
+  if ((status = choose_effects(job)) != 0 || (status = check_eyes(job)) != 0) return status;
   if (job->config.ray_sampling == ERN_RAY_SAMPLING_DUB && !job->config.torso && !job->clip_info.has_landmarks)
     return session_fail_with(session, "%s: has no landmarks (ori_imgs/ID.lms), and --for dub needs them",
                              job->source.path);
