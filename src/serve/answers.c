@@ -58,6 +58,11 @@ enum MHD_Result answer_constant(struct request *r, const char *type, const void 
   return finish(r, MHD_HTTP_OK, type, response);
 }
 
+enum MHD_Result answer_text(struct request *r, const char *type, char *text, size_t count) {
+  if (text == NULL) return MHD_NO;
+  return finish(r, MHD_HTTP_OK, type, MHD_create_response_from_buffer(count, text, MHD_RESPMEM_MUST_FREE));
+}
+
 enum MHD_Result answer_stream(struct request *r, const char *type, MHD_ContentReaderCallback read) {
   return finish(r, MHD_HTTP_OK, type, MHD_create_response_from_callback(MHD_SIZE_UNKNOWN, BLOCK, read, r, NULL));
 }

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT
  * What can be asked, path by path (openapi.json describes it). */
+#include <fcntl.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -43,6 +44,16 @@ static json_t *describe_all(struct ern_http_server *server) {
 
 static enum MHD_Result send_state(struct request *r) {
   return answer_json(r, MHD_HTTP_OK, json_pack("{s:o}", "sessions", describe_all(r->server)));
+}
+
+static enum MHD_Result send_metrics(struct request *r) {
+  json_t *sessions = describe_all(r->server);
+  size_t bytes = 0;
+  serve_lock(r->server);
+  char *text = metrics_text(r->server, sessions, &bytes);
+  serve_unlock(r->server);
+  json_decref(sessions);
+  return answer_text(r, "text/plain; version=0.0.4", text, bytes);
 }
 
 /* ---- watching ---------------------------------------------------------------------------------------------------- */
@@ -147,20 +158,56 @@ static void queued(struct request *r) {
   serve_unlock(r->server);
 }
 
+/* ?stream=KEY: the body is the next piece of the sound with that key, which goes on in the pipe of those before it;
+ * &end=1: it is the last. False: it is the first, or there is no key. *why: it is refused. */
+static bool goes_on(struct request *r, const char **why) {
+  const char *key = query(r, "stream");
+  struct pieces *pieces = &r->stream->pieces;
+  *why = key != NULL && (key[0] == 0 || strlen(key) >= ID_BYTES) ? "stream: expected 1 to 63 characters" : NULL;
+  if (key == NULL || *why != NULL) return false;
+  r->last = query(r, "end") != NULL;
+  serve_lock(r->server);
+  const bool same = strcmp(pieces->key, key) == 0;
+  if (same && pieces->descriptor < 0) *why = "the sound with this key has ended, or was stopped; expected another key";
+  if (same && *why == NULL) r->descriptor = fcntl(pieces->descriptor, F_DUPFD_CLOEXEC, 0);
+  if (same) r->id = pieces->id;
+  pieces->last = serve_seconds();
+  serve_unlock(r->server);
+  return same && *why == NULL && r->descriptor >= 0;
+}
+
+/* Keeps the pipe of a sound of which more pieces come. */
+static void keep_pipe(struct request *r) {
+  struct pieces *pieces = &r->stream->pieces;
+  const char *key = query(r, "stream");
+  if (key == NULL) return;
+  serve_lock(r->server);
+  serve_end_pieces(r->stream); /* of another key */
+  snprintf(pieces->key, sizeof pieces->key, "%s", key);
+  pieces->id = r->id;
+  pieces->last = serve_seconds();
+  pieces->descriptor = fcntl(r->descriptor, F_DUPFD_CLOEXEC, 0);
+  serve_unlock(r->server);
+}
+
 static enum MHD_Result begin_say(struct request *r) {
   struct ern_http_reply reply = {.status = MHD_HTTP_INTERNAL_SERVER_ERROR};
   struct ern_http_sound sound = {0};
+  const char *why = NULL;
   r->most = ERN_HTTP_TEXT;
   if (is_type(r, "text/plain") || is_type(r, "application/json")) return MHD_YES;
   if (!is_type(r, "audio/") && !is_type(r, "application/octet-stream"))
     return refuse(r, MHD_HTTP_UNSUPPORTED_MEDIA_TYPE,
                   "Content-Type: expected text/plain, application/json, audio/... or application/octet-stream");
-  const char *why = take_format(r, &sound);
+  if (goes_on(r, &why)) return MHD_YES;
+  if (why != NULL) return refuse(r, MHD_HTTP_CONFLICT, why);
+  why = take_format(r, &sound);
   if (why != NULL) return refuse(r, MHD_HTTP_BAD_REQUEST, why);
   if (!serve_enter(r->stream)) return refuse(r, MHD_HTTP_GONE, gone);
   r->id = r->stream->actions->sound(r->stream->user, &sound, &r->descriptor, &reply);
   serve_leave(r->stream);
   if (r->id == 0) return refuse(r, reply.status, reply.reason);
+  keep_pipe(r);
   queued(r);
   return MHD_YES;
 }
@@ -298,6 +345,7 @@ static const struct route routes[] = {
     {"GET", "/", ROLE_ANY, send_page, NULL},
     {"GET", "/openapi.json", ROLE_ANY, send_openapi, NULL},
     {"GET", "/state", ROLE_WATCH, send_state, NULL},
+    {"GET", "/metrics", ROLE_WATCH, send_metrics, NULL},
     {"GET", "/v1/sessions", ROLE_WATCH, send_state, NULL},
     {"GET", "/v1/sessions/ID/stream", ROLE_WATCH, watch, NULL},
     {"GET", "/v1/sessions/ID/events", ROLE_WATCH, listen_to_events, NULL},

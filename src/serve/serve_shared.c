@@ -3,6 +3,7 @@
 
 #include <stdlib.h>
 #include <time.h>
+#include <unistd.h>
 
 double serve_seconds(void) {
   struct timespec now;
@@ -42,10 +43,16 @@ void serve_leave(struct ern_http_stream *s) {
   serve_unlock(s->server);
 }
 
+void serve_end_pieces(struct ern_http_stream *s) {
+  if (s->pieces.descriptor >= 0) (void)close(s->pieces.descriptor);
+  s->pieces.descriptor = -1;
+}
+
 void serve_release(struct ern_http_stream *s) {
   if (--s->users > 0) return;
   broadcast_free(&s->broadcast);
   events_free(&s->events);
+  serve_end_pieces(s);
   free(s->state);
   free(s);
 }

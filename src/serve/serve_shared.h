@@ -21,6 +21,14 @@ struct event_log {
   uint64_t next;
 };
 
+/* A sound that comes in several requests, such as that of a page's microphone. */
+struct pieces {
+  char key[ID_BYTES]; /* that they all have; "": none came yet */
+  int descriptor;     /* of its pipe; -1: it has ended */
+  unsigned id;        /* its utterance */
+  double last;        /* when the last piece came */
+};
+
 struct ern_http_stream {
   struct ern_http_server *server;
   struct ern_http_stream *following;
@@ -29,6 +37,7 @@ struct ern_http_stream {
   void *user;
   struct broadcast broadcast;
   struct event_log events;
+  struct pieces pieces;
   char *state;             /* JSON */
   unsigned viewers, users; /* users: requests that hold it */
   uint64_t sent, dropped;  /* bytes to viewers; viewers that were too slow */
@@ -51,6 +60,7 @@ struct request {
   size_t count, room, most, thrown; /* thrown: bytes beyond `most`, which are not kept */
   int descriptor;                   /* of a pipe; -1: none */
   unsigned id;                      /* of its utterance */
+  bool last;                        /* it is the last of several with pieces of one sound */
   bool cut;                         /* the pipe's reader has gone: the rest of the sound is not wanted */
   bool asked, answered;             /* a line: it is passed on; its answer is there */
   char answer[1100];
@@ -95,6 +105,8 @@ bool serve_enter(struct ern_http_stream *stream);
 void serve_leave(struct ern_http_stream *stream);
 /* The stream is used by one request less. The caller holds the lock. */
 void serve_release(struct ern_http_stream *stream);
+/* The sound that comes in pieces has ended. The caller holds the lock. */
+void serve_end_pieces(struct ern_http_stream *stream);
 /* Adds an event, and wakes those who wait for one. The caller holds the lock. */
 void serve_tell(struct ern_http_stream *stream, const char *word, unsigned id, double seconds, const char *reason);
 
@@ -116,6 +128,11 @@ void events_add(struct event_log *log, const char *word, const char *data);
 /* Copies up to `most` bytes of the events from r->event on. Returns their number; 0: none. */
 ssize_t events_read(const struct event_log *log, struct request *r, void *to, size_t most);
 void events_free(struct event_log *log);
+
+/* ---- serve_metrics.c ---- */
+
+/* sessions: an array of states. The caller frees the text; NULL without memory. The caller holds the lock. */
+char *metrics_text(const struct ern_http_server *server, json_t *sessions, size_t *bytes);
 
 /* ---- routes.c: what can be asked ---- */
 
@@ -140,6 +157,8 @@ enum MHD_Result answer_json(struct request *request, unsigned status, json_t *ob
 enum MHD_Result answer_error(struct request *request, unsigned status, const char *reason);
 /* bytes: constant. */
 enum MHD_Result answer_constant(struct request *request, const char *type, const void *bytes, size_t count);
+/* Takes the text; NULL: there was no memory. */
+enum MHD_Result answer_text(struct request *request, const char *type, char *text, size_t count);
 /* Bytes that `read` hands out (MHD_ContentReaderCallback). */
 enum MHD_Result answer_stream(struct request *request, const char *type, MHD_ContentReaderCallback read);
 enum MHD_Result answer_methods(struct request *request, const char *methods);

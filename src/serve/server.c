@@ -11,7 +11,11 @@
 
 #include "serve/serve_shared.h"
 
-enum { LOOK_MS = 100, MEMORY = 32768 /* bytes of a connection: the longest head */ };
+enum {
+  LOOK_MS = 100,
+  PIECE_PATIENCE = 3 /* seconds until the next piece of a sound must come */,
+  MEMORY = 32768 /* bytes of a connection: the longest head */
+};
 
 /* ---- waiting ----------------------------------------------------------------------------------------------------- */
 
@@ -28,6 +32,8 @@ static void *keep(void *user) {
     (void)nanosleep(&(struct timespec){.tv_nsec = LOOK_MS * 1000000}, NULL);
     serve_lock(server);
     end_late(server);
+    for (struct ern_http_stream *s = server->streams; s != NULL; s = s->following)
+      if (serve_seconds() > s->pieces.last + PIECE_PATIENCE) serve_end_pieces(s);
     serve_wake(server, NULL, WAITS_PIPE);
     serve_wake(server, NULL, WAITS_EVENT); /* for their empty lines */
     serve_unlock(server);
@@ -97,7 +103,7 @@ static bool open_daemon(struct ern_http_server *server) {
                                     address, MHD_OPTION_CONNECTION_LIMIT, o->connections, MHD_OPTION_CONNECTION_TIMEOUT,
                                     (unsigned)(o->patience + 0.5), MHD_OPTION_CONNECTION_MEMORY_LIMIT, (size_t)MEMORY,
                                     MHD_OPTION_NOTIFY_COMPLETED, request_end, server, MHD_OPTION_NOTIFY_CONNECTION,
-                                    note_connection, server, MHD_OPTION_LISTENING_ADDRESS_REUSE, 1u, MHD_OPTION_END);
+                                    note_connection, server, MHD_OPTION_END);
   return server->daemon != NULL;
 }
 
@@ -152,6 +158,7 @@ static struct ern_http_stream *add(struct ern_http_server *server, const char *i
   s->actions = actions;
   s->user = user;
   s->users = 1;
+  s->pieces.descriptor = -1;
   serve_lock(server);
   struct ern_http_stream **last = &server->streams;
   while (*last != NULL) last = &(*last)->following;
@@ -177,6 +184,7 @@ static void end_stream(struct ern_http_stream **stream) {
     serve_lock(server);
   }
   for (enum waits waits = WAITS_PART; waits <= WAITS_PIPE; waits++) serve_wake(server, s, waits);
+  serve_end_pieces(s);
   serve_release(s);
   serve_unlock(server);
   *stream = NULL;

@@ -38,7 +38,8 @@ def until(found, what, seconds=PATIENCE):
 class Server:
     """`ernerf serve` with a free port; `with` ends it by SIGTERM."""
 
-    def __init__(self, *words):
+    def __init__(self, *words, token=None):
+        self.token = token
         self.words = [ERNERF, "serve", *words, "--port", "0"]
 
     def __enter__(self):
@@ -79,7 +80,8 @@ class Server:
         return answer.status, json.loads(bytes_) if answer.headers["Content-Type"] == "application/json" else bytes_
 
     def state(self):
-        sessions = self.ask("GET", "/state")[1]["sessions"]
+        fields = {"Authorization": "Bearer " + self.token} if self.token else {}
+        sessions = self.ask("GET", "/state", None, fields)[1]["sessions"]
         return sessions[0] if sessions else None
 
     def say(self, text, expected=202):
@@ -269,6 +271,202 @@ def test_refused(server):
         check(status == expected and "error" in answer, f"{method} {path} {body!r:.40}: {status} {answer}")
 
 
+def test_described(server):
+    """openapi.json has every path and method that the server has, and no other; the page may not be embedded."""
+    described = {(path, method.upper()) for path, item in server.ask("GET", "/openapi.json")[1]["paths"].items()
+                 for method in item if method in ("get", "post", "put", "delete")}
+    with open(os.path.join(os.path.dirname(os.path.abspath(__file__)), "../../src/serve/routes.c")) as file:
+        routes = re.findall(r'^ *\{"([A-Z]+)", "(/[^"]*)"', file.read(), re.MULTILINE)
+    there = {(re.sub(r"\bID\b", "{ID}", path), method) for method, path in routes}
+    check(len(there) >= 10 and described == there, f"openapi.json: {described ^ there}")
+    status, page = server.ask("GET", "/")
+    check(status == 200 and b"<video" in page and "frame-ancestors 'self'" in server.fields["Content-Security-Policy"], "page")
+    check(server.fields["Cross-Origin-Resource-Policy"] == "same-origin", "the page's policy")
+    text = server.ask("GET", "/metrics")[1].decode()
+    rows = dict(re.findall(r"^(\w+(?:\{[^}]*\})?) (\S+)$", text, re.MULTILINE))
+    check(float(rows['ernerf_session_drawn_total{session="head"}']) > 0 and float(rows["ernerf_requests_total"]) > 10, text)
+    check(all(re.fullmatch(r"# TYPE \w+ (counter|gauge)|\w+(\{session=\"head\"\})? -?[0-9.e+-]+", row) for row in text.splitlines()), text)
+
+
+def test_pieces(server):
+    """A sound in several requests with one key is one utterance, heard before its last piece; a stop ends it."""
+    events = Reader(server, "/v1/sessions/head/events")
+    until(lambda: b":" in events.body(), "the events' first line")
+    tone = b"".join(struct.pack("<h", (i * i) % 8000) for i in range(3200))  # 0.2 s
+    path = "/v1/sessions/head/say?format=s16le&stream="
+    send = lambda key, more="": server.ask("POST", path + key + more, tone, kind="audio/raw")
+    number = send("a")[1]["id"]
+    for _ in range(3):
+        check(send("a")[1]["id"] == number, "a piece is another utterance")
+    await_event(events, "started", number)
+    check(send("a", "&end=1")[1]["id"] == number, "the last piece")
+    ended = await_event(events, "ended", number)
+    check(abs(ended["seconds"] - await_event(events, "started", number)["seconds"] - 1) < 0.3, f"five pieces of 0.2 s: {ended}")
+    check(send("a")[0] == 409, "a piece after the last one")
+    number = send("b")[1]["id"]
+    await_event(events, "started", number)
+    server.ask("POST", "/v1/sessions/head/stop")
+    await_event(events, "interrupted", number)
+    until(lambda: send("b")[0] == 409, "a piece after a stop is refused")
+    number = send("c")[1]["id"]  # its page is closed: it ends by itself
+    await_event(events, "ended", number)
+    events.close()
+
+
+def test_speech_fails(server):
+    """A program that is killed fails its utterance alone."""
+    events = Reader(server, "/v1/sessions/head/events")
+    until(lambda: b":" in events.body(), "the events' first line")
+    number = server.say("hang")
+    until(lambda: os.path.exists("pid.txt"), "the program's number")
+    with open("pid.txt") as file:
+        os.kill(int(file.read()), signal.SIGKILL)
+    check("reason" in await_event(events, "failed", number), "a reason")
+    await_event(events, "ended", server.say("hello"))
+    status, answer = server.ask("POST", "/v1/sessions/head/say", b"no sound at all " * 100, kind="audio/wav")
+    check("no sound" in await_event(events, "failed", answer["id"])["reason"], "what is no sound")
+    events.close()
+
+
+# ---- hostile clients ------------------------------------------------------------------------------------------------
+
+
+def raw(server, request, wait=True):
+    """The first bytes of the answer to raw bytes; b"": none."""
+    with socket.create_connection(("127.0.0.1", server.port), timeout=5) as line:
+        try:
+            line.sendall(request)
+            return line.recv(4096) if wait else b""
+        except OSError:
+            return b""
+
+
+def used(server):
+    """Open files and memory in KB of the server."""
+    pid = server.process.pid
+    with open(f"/proc/{pid}/status") as file:
+        return len(os.listdir(f"/proc/{pid}/fd")), int(re.search(r"VmRSS:\s*(\d+)", file.read())[1])
+
+
+def requests(count, seed=1):
+    """Requests of which something is wrong; the seed is that of a small generator of our own."""
+    state = seed
+
+    def draw(most):
+        nonlocal state
+        state = (state * 6364136223846793005 + 1442695040888963407) % 2**64
+        return (state >> 33) % most
+
+    noise = lambda most: bytes(draw(256) for _ in range(draw(most)))
+    paths = [b"/", b"/state", b"/metrics", b"/v1/sessions/head/say", b"/v1/sessions/head/pose", b"/v1/sessions/head/stop",
+             b"/v1/sessions/head/background", b"/v1/sessions/%00/say", b"/" + b"a" * 9000, b"http://evil/", b"*", b"/v1/../.."]
+    kinds = [b"text/plain", b"application/json", b"audio/wav", b"image/png", b"audio/" + b"x" * 300, b"application/octet-stream"]
+    lengths = [b"Content-Length: -1", b"Content-Length: 99999999999999999999", b"Content-Length: 5", b"Content-Length: x",
+               b"Transfer-Encoding: chunked", b"Transfer-Encoding: gzip", b"Content-Length: 3\r\nContent-Length: 7",
+               b"Expect: 100-continue\r\nContent-Length: 10"]
+    for _ in range(count):
+        method = [b"GET", b"POST", b"PUT", b"DELETE", b"HEAD", b"OPTIONS", b"X" * 300, noise(9)][draw(8)]
+        fields = [b"Host: localhost", b"Content-Type: " + kinds[draw(len(kinds))], lengths[draw(len(lengths))],
+                  b"Authorization: " + noise(40).hex().encode(), b"X: " + b"y" * draw(2) * 40000, b"Range: bytes=0-", b"Last-Event-ID: 99999999999999999999"]
+        head = method + b" " + paths[draw(len(paths))] + b"?" + noise(6).hex().encode() + b" HTTP/1.1\r\n" + b"\r\n".join(f for f in fields if draw(3)) + b"\r\n\r\n"
+        body = [b"", noise(300), b"{" * 2000, b"ffffffff\r\n" + noise(50), b'{"text": "' + noise(20) + b'"}', b"3\r\nabc\r\n0\r\n\r\n"][draw(6)]
+        whole = head + body
+        if draw(4) == 0:
+            whole = whole[: draw(len(whole) + 1)]
+        if draw(4) == 0:
+            at = draw(len(whole) + 1)
+            whole = whole[:at] + noise(8) + whole[at + draw(8) :]
+        yield whole
+
+
+def test_hostile(server):
+    """Requests that are wrong, stand still or leave neither stop the viewers nor stay."""
+    viewer = Reader(server, "/v1/sessions/head/stream")
+    until(lambda: b"moof" in viewer.bytes, "a fragment")
+    base = used(server)
+    still = [socket.create_connection(("127.0.0.1", server.port)) for _ in range(20)]
+    for line in still[5:]:
+        line.sendall(b"POST /v1/sessions/head/say HTTP/1.1\r\nHost: localhost\r\n")
+    for line in still[10:]:
+        line.sendall(b"Content-Type: text/plain\r\nContent-Length: 100\r\n\r\nabc")
+    check(raw(server, b"GET / HTTP/1.1\r\nHost: localhost\r\nX: " + b"x" * 100000 + b"\r\n\r\n").startswith(b"HTTP/1.1 431"), "a long head")
+    check(raw(server, b"GET /state HTTP/1.1\r\n\r\n").startswith(b"HTTP/1.1 400"), "no Host")
+    check(raw(server, b"GET /state HTTP/1.1\r\nHost: a\r\nHost: localhost\r\n\r\n").startswith(b"HTTP/1.1 400"), "two Hosts")
+    for k, request in enumerate(requests(20000 if LONG else 1000)):
+        raw(server, request, wait=k % 4 == 0 and request.startswith(b"GET /state"))
+    for _ in range(1000 if LONG else 100):  # who watch for a moment
+        raw(server, b"GET /v1/sessions/head/stream HTTP/1.1\r\nHost: localhost\r\n\r\n")
+    for line in still[:5]:
+        line.setblocking(True)
+        line.settimeout(PATIENCE)
+    for line in still:
+        line.settimeout(PATIENCE)
+        try:
+            check(line.recv(4096) == b"", "who stands still gets an answer")
+        except ConnectionError:
+            pass
+        line.close()
+    server.ask("POST", "/v1/sessions/head/stop")  # texts of the requests that were right
+    until(lambda: server.state()["viewers"] == 1, "all have left but one")
+    until(lambda: used(server)[0] <= base[0] + 2, f"open files: {base[0]} before, {used(server)[0]} after")
+    check(used(server)[1] < base[1] + 20000, f"memory: {base[1]} KB before, {used(server)[1]} KB after")
+    check(not viewer.ended, "the viewer was stopped")
+    viewer.close()
+    check_stream(Stream(viewer), "the viewer")
+
+
+def test_who_may():
+    """Tokens, Host, Origin and pages of others, in each of which one thing is wrong."""
+    say, watch = "s" * 40, "w" * 40
+    for name, token in ("say", say), ("watch", watch):
+        with open(name, "w") as file:
+            file.write(token + "\n")
+    words = ["--say-token", "say", "--watch-token", "watch", "--allow-origin", "https://www.example.org", "--host", "portrait.example.org"]
+    bearer = lambda token: {"Authorization": "Bearer " + token}
+    with Server(*BASE, *words, token=say) as server:
+        own = {"Host": "portrait.example.org", "Origin": "https://portrait.example.org"}
+        rows = [("GET", "/", {}, 200), ("GET", "/state", {}, 401), ("GET", "/state", bearer("w" * 39), 401),
+                ("GET", "/state", bearer("w" * 39 + "x"), 401), ("GET", "/state", bearer(""), 401), ("GET", "/state", bearer(watch), 200),
+                ("GET", "/state?token=" + watch, {}, 200), ("GET", "/state?token=x", bearer(watch), 200), ("GET", "/state", bearer(say), 200),
+                ("GET", "/metrics", {}, 401), ("GET", "/v1/sessions/head/stream", {}, 401), ("GET", "/v1/sessions/head/events", {}, 401),
+                ("GET", "/v1/sessions/none/stream", {}, 401), ("POST", "/v1/sessions/head/stop", bearer(watch), 401),
+                ("POST", "/v1/sessions/head/say", {}, 401), ("POST", "/v1/sessions/head/stop", bearer(say), 200),
+                ("GET", "/state", {"Host": "evil.example", **bearer(watch)}, 403), ("GET", "/state", {**own, **bearer(watch)}, 200),
+                ("GET", "/state", {"Origin": "http://evil.example", **bearer(watch)}, 403), ("GET", "/state", {"Origin": "null", **bearer(watch)}, 403),
+                ("GET", "/state", {"Origin": "https://www.example.org.evil.example", **bearer(watch)}, 403),
+                ("GET", "/state", {"Origin": "https://www.example.org", "Sec-Fetch-Site": "cross-site", **bearer(watch)}, 200),
+                ("GET", "/state", {"Sec-Fetch-Site": "cross-site", **bearer(watch)}, 403), ("GET", "/", {"Sec-Fetch-Site": "cross-site"}, 200),
+                ("POST", "/v1/sessions/head/stop", {"Origin": "http://evil.example", **bearer(say)}, 403)]
+        for method, path, fields, expected in rows:
+            status, answer = server.ask(method, path, None, fields)
+            check(status == expected, f"{method} {path} {fields}: {status} {answer}")
+            allowed = server.fields.get("Access-Control-Allow-Origin")
+            check(allowed == (fields.get("Origin") if fields.get("Origin") == "https://www.example.org" else None), f"{fields}: {allowed}")
+        status, _ = server.ask("OPTIONS", "/v1/sessions/head/say", None, {"Origin": "https://www.example.org"})
+        check(status == 200 and "Authorization" in server.fields["Access-Control-Allow-Headers"], "preflight")
+        check(server.ask("OPTIONS", "/v1/sessions/head/say", None, {"Origin": "http://evil.example"})[0] == 403, "preflight of another")
+        with open(f"/proc/{server.process.pid}/cmdline") as file:
+            check(say not in file.read(), "a list of processes shows the token")
+
+
+def test_words():
+    """What cannot be served is refused before anything is opened."""
+    with open("short", "w") as file:
+        file.write("abc\n")
+    rows = [(["--listen", "0.0.0.0"], 2, "--say-token and --watch-token"), (["--say-token", "short"], 1, "is no token"),
+            (["--say-token", "gone"], 1, "gone: cannot be read"), (["--name", "../x"], 2, '--name is "../x"'),
+            (["--viewers", "300"], 2, "--connections is 256"), (["--tts-argument", "x", "--name", "a"], 0, None),
+            (["--voice", "de"], 2, "is espeak-ng's"), (["--listen", "127.0.0.300"], 1, "127.0.0.300"), (["--frames", "0:3"], 2, "video")]
+    for words, expected, what in rows:
+        if what is None:
+            continue
+        done = subprocess.run([ERNERF, "serve", *BASE, "--port", "0", "--duration", "0.1", *words], stderr=subprocess.PIPE, text=True, timeout=PATIENCE)
+        check(done.returncode == expected and what in done.stderr, f"{words}: {done.returncode} {done.stderr}")
+    with Server(*BASE) as server:
+        done = subprocess.run([ERNERF, "serve", *BASE, "--port", str(server.port)], stderr=subprocess.PIPE, text=True, timeout=PATIENCE)
+        check(done.returncode == 1 and "cannot listen" in done.stderr, f"a port that is taken: {done.stderr}")
+
+
 def make_files():
     shutil.rmtree(FOLDER, ignore_errors=True)
     os.makedirs(FOLDER)
@@ -277,7 +475,8 @@ def make_files():
     subprocess.run([ERNERF, "train", "clip", "-o", "head.safetensors", "--iters", "8", "--rays", "256", "--levels", "2",
                     "--validate-frames", "1", "--asr-model", "cepstra", "--quiet"], check=True)
     with open("tts", "w") as file:
-        file.write("#!/bin/sh\ncat > said.txt\nexec cat clip/aud.wav\n")
+        file.write("#!/bin/sh\ncat > said.txt\n[ $(cat said.txt) = hang ] && echo $$ > pid.tmp && mv pid.tmp pid.txt && exec sleep 600\n"
+                   "exec cat clip/aud.wav\n")
     os.chmod("tts", 0o700)
 
 
@@ -287,10 +486,14 @@ BASE = ["head.safetensors", "--clip", "clip", "--size", "32x32", "--tts", "./tts
 def main():
     make_files()
     with Server(*BASE) as server:
-        for test in test_watch_and_say, test_stop, test_changes, test_refused:
+        for test in test_watch_and_say, test_stop, test_pieces, test_speech_fails, test_changes, test_refused, test_described, test_hostile:
+            began = time.monotonic()
             test(server)
+            print(f"{test.__name__}: {time.monotonic() - began:.1f} s", flush=True)
+    test_who_may()
+    test_words()
     check(not [name for name in os.listdir(os.environ.get("TMPDIR", "/tmp")) if name.startswith("ernerf-serve-")], "a picture is left")
-    print("serve: viewers, text, sound, events, changes, refusals")
+    print("serve: viewers, text, sound, events, changes, refusals, hostile clients, tokens and origins")
 
 
 main()
