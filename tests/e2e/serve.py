@@ -2,10 +2,12 @@
 # SPDX-License-Identifier: MIT
 """ernerf serve: viewers of one coded stream, text and sound to say, events, who may ask, and what hostile clients do.
 With ERNERF_TEST_LONG more of it. Usage: serve.py ERNERF FOLDER CLIPS (of shared_clips.sh)"""
+import hashlib
 import http.client
 import json
 import os
 import re
+import resource
 import shutil
 import signal
 import socket
@@ -449,6 +451,43 @@ def test_who_may():
             check(say not in file.read(), "a list of processes shows the token")
 
 
+def test_sessions():
+    """Two portraits, one of them over a recorded video, and recordings of both, one of which finds the disk full."""
+    for name in "one", "two":
+        shutil.copytree(os.path.join(CLIPS, "recorded"), name)
+        shutil.copy(os.path.join(CLIPS, "recorded_head.safetensors"), name + ".safetensors")
+    video = os.path.join(CLIPS, "recorded.mp4")
+    with open(video, "rb") as file:
+        hash_ = hashlib.sha256(file.read()).hexdigest()
+    with open("one/prepare.json", "w") as file:
+        steps = {step: {"verdict": "good", "words": ""} for step in ("face", "pose", "landmarks", "layers", "eyes", "features")}
+        json.dump({"version": 2, "video": "recorded.mp4", "source": {"bytes": os.path.getsize(video), "from": 0}, "frames": 16,
+                   "steps": steps, "crop": {"x": 0, "y": 0, "width": 96, "side": 96, "sha256": hash_}}, file)
+    os.mkdir("recorded")
+    with Server("one.safetensors", "--video", video, "--name", "filmed", "--tts", "./tts", "--record", "recorded") as server:
+        status, answer = server.ask("POST", "/v1/sessions/filmed/background", b'{"colour": "white"}', kind="application/json")
+        check(status == 422 and "recorded frames" in answer["error"], f"{status} {answer}")
+        events, viewer = (Reader(server, f"/v1/sessions/filmed/{name}") for name in ("events", "stream"))
+        until(lambda: b":" in events.body(), "the events' first line")
+        status, answer = server.ask("POST", "/v1/sessions/filmed/say", b"hello", kind="text/plain")
+        await_event(events, "ended", answer["id"])
+        viewer.close()
+        check_stream(Stream(viewer), "a recorded video")
+    names = os.listdir("recorded")
+    check(len(names) == 1 and re.fullmatch(r"filmed-\d{8}T\d{6}Z\.mp4", names[0]), f"{names}")
+    with open(os.path.join("recorded", names[0]), "rb") as file:
+        data = file.read()
+    check(len([1 for kind, _ in boxes(data) if kind == "moof"]) > 30, "the recording has few fragments")
+    limit = lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (20000, 20000))
+    words = [ERNERF, "serve", "one.safetensors", "two.safetensors", "--port", "0", "--record", "recorded", "--duration", "4"]
+    done = subprocess.run(words, stderr=subprocess.PIPE, text=True, timeout=PATIENCE, preexec_fn=limit)
+    check(done.returncode == 0 and done.stderr.count("it is cut") == 2, f"a full disk: {done.returncode} {done.stderr}")
+    for name in os.listdir("recorded"):
+        with open(os.path.join("recorded", name), "rb") as file:
+            data = file.read()
+        check(name.endswith(".mp4") and sum(8 + len(part) for _, part in boxes(data)) == len(data) > 5000, f"{name}: {len(data)} bytes")
+
+
 def test_words():
     """What cannot be served is refused before anything is opened."""
     with open("short", "w") as file:
@@ -492,6 +531,7 @@ def main():
             print(f"{test.__name__}: {time.monotonic() - began:.1f} s", flush=True)
     test_who_may()
     test_words()
+    test_sessions()
     check(not [name for name in os.listdir(os.environ.get("TMPDIR", "/tmp")) if name.startswith("ernerf-serve-")], "a picture is left")
     print("serve: viewers, text, sound, events, changes, refusals, hostile clients, tokens and origins")
 

@@ -4,18 +4,20 @@
 #include <stdlib.h>
 #include <string.h>
 #include <time.h>
+#include <unistd.h>
 
 #include "serve/serve_library.h"
 #include "serve/serve_session.h"
 #include "verbs.h"
 
-enum { IN_OPTIONS = 3, OUT_OPTIONS = 9, MOST_SESSIONS = 8, TOKEN_LEAST = 16, TOKEN_BYTES = 512, LOOK_MS = 50 };
+enum { IN_OPTIONS = 3, OUT_OPTIONS = 10, MOST_SESSIONS = 8, TOKEN_LEAST = 16, TOKEN_BYTES = 512, LOOK_MS = 50 };
 
 struct serve_job {
   struct live_job live; /* the options of every session, and the program's own session */
   const char *models[MOST_SESSIONS];
-  const char *name, *say_file, *watch_file;
+  const char *name, *say_file, *watch_file, *record;
   int viewers, connections;
+  int threads; /* of a session, where no option says how many: its share of the cores */
   struct ern_http_options http_options;
   char say_token[TOKEN_BYTES], watch_token[TOKEN_BYTES];
   const struct ern_http_functions *http;
@@ -59,6 +61,8 @@ static void out_options(struct serve_job *serve, struct option options[OUT_OPTIO
       {ARGS_INT("viewers", &serve->viewers, 1, 10000), .help = "most viewers of all sessions (default 64)"},
       {ARGS_INT("connections", &serve->connections, 4, 20000),
        .help = "most connections, those of viewers among them (default 256)"},
+      {ARGS_TEXT("record", &serve->record), .choices = "FOLDER",
+       .help = "records each session as FOLDER/ID-TIME.mp4, from its beginning to its end, as it is coded for viewers"},
       {ARGS_SECONDS("duration", &serve->live.seconds, 0.04, 1e9), .help = "end after T (default: with a signal)"}};
   ARGS_FILL(options, rows, OUT_OPTIONS);
 }
@@ -138,6 +142,7 @@ static int open_session(struct serve_job *serve, const struct args *args, size_t
   serve->sessions[k] = made;
   if (made == NULL) return session_fail_with(session, "no memory for a session");
   made->job = serve->live;
+  if (made->job.session.threads == 0) made->job.session.threads = serve->threads;
   made->job.portrait.model_path = serve->models[k];
   made->job.portrait.chosen.config = &made->job.portrait.render;
   if (!without_ending(serve->models[k], stem, sizeof stem))
@@ -151,7 +156,7 @@ static int open_session(struct serve_job *serve, const struct args *args, size_t
     if (strcmp(serve->sessions[i]->id, name) == 0)
       return session_fail_with(session, "%s: another PORTRAIT has the name %s too", serve->models[k], name);
   snprintf(made->id, sizeof made->id, "%s", name);
-  return serve_session_open(made, args, serve->http, serve->server);
+  return serve_session_open(made, args, serve->http, serve->server, serve->record);
 }
 
 /* A session that ends by itself has failed; the others go on. Returns whether one runs. */
@@ -177,6 +182,10 @@ static int run(struct serve_job *serve, const struct args *args) {
   if (status == 0) status = serve_library_load(&serve->http, session);
   if (status == 0 && !serve->http->start(&serve->http_options, &serve->server, error, sizeof error))
     status = session_fail_with(session, "%s", error);
+  const long cores = sysconf(_SC_NPROCESSORS_ONLN);
+  size_t count = 1;
+  while (count < MOST_SESSIONS && serve->models[count] != NULL) count++;
+  serve->threads = count > 1 && cores > 0 ? (int)(((size_t)cores + count - 1) / count) : 0;
   if (status == 0 && session_backend(session) != ERN_OK) status = session_fail(session);
   for (size_t k = 0; status == 0 && k < MOST_SESSIONS && serve->models[k] != NULL; k++)
     status = open_session(serve, args, k);

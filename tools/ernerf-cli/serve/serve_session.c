@@ -177,10 +177,17 @@ static void *draw(void *user) {
   return NULL;
 }
 
+/* live_output.write; on the thread that codes. */
+static int take(void *user, const void *bytes, size_t count, ern_stream_piece piece) {
+  struct serve_session *s = user;
+  recording_write(&s->recording, bytes, count, piece);
+  return s->http->write(s->stream, bytes, count, piece);
+}
+
 /* ---- opening and closing ----------------------------------------------------------------------------------------- */
 
 int serve_session_open(struct serve_session *s, const struct args *args, const struct ern_http_functions *http,
-                       struct ern_http_server *server) {
+                       struct ern_http_server *server, const char *record) {
   struct live_job *job = &s->job;
   struct session *session = &job->session;
   (void)pthread_mutex_init(&s->mutex, NULL); /* does not fail on Linux */
@@ -193,9 +200,12 @@ int serve_session_open(struct serve_session *s, const struct args *args, const s
   job->sound.dropped_user = s;
   job->output.url = s->id;
   job->output.drops = true;
-  job->output.write = http->write;
-  job->output.write_user = s->stream = http->add(server, s->id, &actions, s);
+  job->output.write = take;
+  job->output.write_user = s;
+  s->recording.file = -1;
+  s->stream = http->add(server, s->id, &actions, s);
   if (s->stream == NULL) return session_fail_with(session, "no memory for the session %s", s->id);
+  if (record != NULL && recording_open(&s->recording, session, record, s->id) != 0) return EXIT_FAILURE;
   if (live_open(job, args) != 0) return EXIT_FAILURE;
   session_note(session, "serve: %s: %d x %d, %.4g frames a second", s->id, job->size.width, job->size.height,
                rate_value(job->rate));
@@ -213,12 +223,12 @@ void serve_session_stop(struct serve_session *s) {
 }
 
 void serve_session_close(struct serve_session *s) {
-  if (s == NULL) return;
+  if (s == NULL || !s->made) return;
   serve_session_stop(s);
   if (s->running) (void)pthread_join(s->thread, NULL);
-  s->running = false;
   if (s->stream != NULL) s->http->remove(&s->stream);
   live_close(&s->job);
-  if (s->made) (void)pthread_mutex_destroy(&s->mutex);
-  s->made = false;
+  recording_close(&s->recording, &s->job.session);
+  (void)pthread_mutex_destroy(&s->mutex);
+  s->made = s->running = false;
 }

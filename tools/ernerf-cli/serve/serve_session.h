@@ -6,6 +6,7 @@
 
 #include "live/live_job.h"
 #include "serve/http_server.h"
+#include "serve/recording.h"
 
 enum { SERVE_ID = 64, SERVE_LINES = 8, SERVE_REASON = 512 };
 
@@ -23,6 +24,7 @@ struct serve_session {
   const struct ern_http_functions *http;
   struct ern_http_stream *stream;
   struct live_front front;
+  struct recording recording; /* the writing thread's */
   pthread_t thread;
   pthread_mutex_t mutex; /* guards `lines`, line_count and `ended` */
   struct serve_line lines[SERVE_LINES];
@@ -40,10 +42,11 @@ struct serve_session {
   uint64_t looks;             /* frames so far */
 };
 
-/* Opens the portrait of `session->job`, which is set up as the options say; adds the session to the server, and starts
- * its thread. Returns 0, or EXIT_FAILURE after a message; serve_session_close in either case. */
+/* record: a folder for recordings, or NULL. Opens the portrait of `session->job`, which is set up as the options say;
+ * adds the session to the server, and starts its thread. Returns 0, or EXIT_FAILURE after a message;
+ * serve_session_close in either case. */
 int serve_session_open(struct serve_session *session, const struct args *args, const struct ern_http_functions *http,
-                       struct ern_http_server *server);
+                       struct ern_http_server *server, const char *record);
 /* Asks the thread to end; serve_session_close then waits for it. */
 void serve_session_stop(struct serve_session *session);
 /* Ends the thread and the streams of the viewers. In any state. */
