@@ -16,6 +16,20 @@ struct ern_http_stream; /* of a session: its viewers, events and state */
 
 enum { ERN_HTTP_TEXT = 16384 /* bytes of a text to say, and of any other body that is text */ };
 
+/* Why an action is refused. */
+struct ern_http_reply {
+  unsigned status; /* of HTTP */
+  char reason[1024];
+};
+
+/* What the program can be asked for besides; as the actions of a session, `line` for all. false: refused. Else it is
+ * answered by `answer` with `token`, once, on any thread. */
+struct ern_http_keeper {
+  bool (*create)(void *user, const char *portrait, const char *id, void *token, struct ern_http_reply *reply);
+  bool (*end)(void *user, const char *id, void *token, struct ern_http_reply *reply);
+  void *user;
+};
+
 struct ern_http_options {
   const char *listen; /* an IP address */
   int port;           /* 0: any that is free */
@@ -23,13 +37,8 @@ struct ern_http_options {
   const char *origin; /* of pages, beside those of this server, that may ask; NULL: none */
   const char *say_token, *watch_token; /* NULL: anybody may */
   unsigned connections, viewers;       /* most of each, of all sessions together */
+  struct ern_http_keeper keeper;
   double patience; /* seconds that a request may take to come, and that a connection may stand still */
-};
-
-/* Why an action is refused. */
-struct ern_http_reply {
-  unsigned status; /* of HTTP */
-  char reason[1024];
 };
 
 /* How sound comes that has no header; format NULL: it has one. */
@@ -68,7 +77,7 @@ struct ern_http_functions {
   void (*event)(struct ern_http_stream *stream, const char *word, unsigned id, double seconds, const char *reason);
   /* json: an object, the figures of the session; its numbers are metrics too. */
   void (*state)(struct ern_http_stream *stream, const char *json);
-  /* text: "ok", or "error: REASON". */
+  /* text: "ok", "error: REASON", or "busy: REASON" where it might be taken later. */
   void (*answer)(void *token, const char *text);
 };
 

@@ -266,10 +266,22 @@ static enum MHD_Result end_stop(struct request *r) {
 /* ---- lines that the drawing thread answers ----------------------------------------------------------------------- */
 
 static enum MHD_Result pass_answer(struct request *r) {
-  static const char error[] = "error: ";
+  static const char error[] = "error: ", busy[] = "busy: ";
+  if (strncmp(r->answer, busy, sizeof busy - 1) == 0)
+    return answer_error(r, MHD_HTTP_SERVICE_UNAVAILABLE, r->answer + sizeof busy - 1);
   if (strncmp(r->answer, error, sizeof error - 1) == 0)
     return answer_error(r, MHD_HTTP_UNPROCESSABLE_CONTENT, r->answer + sizeof error - 1);
   return answer_json(r, MHD_HTTP_OK, json_pack("{s:b}", "ok", 1));
+}
+
+/* Lets the connection stand until a line that was taken is answered. */
+static enum MHD_Result await_answer(struct request *r) {
+  serve_lock(r->server);
+  r->asked = true;
+  const bool waits = !r->answered && serve_wait(r, WAITS_ANSWER);
+  serve_unlock(r->server);
+  if (!waits && !r->answered) return answer_error(r, MHD_HTTP_SERVICE_UNAVAILABLE, "the server stops");
+  return waits ? MHD_YES : pass_answer(r);
 }
 
 static enum MHD_Result ask(struct request *r, const char *line, void *bytes, size_t count) {
@@ -277,17 +289,9 @@ static enum MHD_Result ask(struct request *r, const char *line, void *bytes, siz
   const bool enters = serve_enter(r->stream);
   const bool takes = enters && r->stream->actions->line(r->stream->user, line, bytes, count, r, &reply);
   if (enters) serve_leave(r->stream);
-  if (!takes) {
-    free(bytes);
-    if (!enters) return answer_error(r, MHD_HTTP_GONE, gone);
-    return answer_error(r, reply.status, reply.reason);
-  }
-  serve_lock(r->server);
-  r->asked = true;
-  const bool waits = !r->answered && serve_wait(r, WAITS_ANSWER);
-  serve_unlock(r->server);
-  if (!waits && !r->answered) return answer_error(r, MHD_HTTP_SERVICE_UNAVAILABLE, "the server stops");
-  return waits ? MHD_YES : pass_answer(r);
+  if (takes) return await_answer(r);
+  free(bytes);
+  return enters ? answer_error(r, reply.status, reply.reason) : answer_error(r, MHD_HTTP_GONE, gone);
 }
 
 static enum MHD_Result begin_text(struct request *r) {
@@ -339,6 +343,31 @@ static enum MHD_Result end_background(struct request *r) {
   return ask(r, line, NULL, 0);
 }
 
+/* ---- sessions -----------------------------------------------------------------------------------------------------
+ */
+
+/* {"portrait": ID, "id": ID} */
+static enum MHD_Result end_create(struct request *r) {
+  const struct ern_http_keeper *keeper = &r->server->options.keeper;
+  struct ern_http_reply reply = {.status = MHD_HTTP_BAD_REQUEST};
+  if (r->asked) return pass_answer(r);
+  json_t *body = body_object(r);
+  const char *portrait = json_string_value(json_object_get(body, "portrait"));
+  const char *id = json_string_value(json_object_get(body, "id"));
+  snprintf(reply.reason, sizeof reply.reason, "expected {\"portrait\": that of a session, \"id\": a new one}");
+  const bool takes = portrait != NULL && id != NULL && keeper->create(keeper->user, portrait, id, r, &reply);
+  json_decref(body);
+  return takes ? await_answer(r) : answer_error(r, reply.status, reply.reason);
+}
+
+static enum MHD_Result end_session(struct request *r) {
+  const struct ern_http_keeper *keeper = &r->server->options.keeper;
+  struct ern_http_reply reply = {0};
+  if (r->asked) return pass_answer(r);
+  return keeper->end(keeper->user, r->stream->id, r, &reply) ? await_answer(r)
+                                                             : answer_error(r, reply.status, reply.reason);
+}
+
 /* ---- finding ----------------------------------------------------------------------------------------------------- */
 
 static const struct route routes[] = {
@@ -347,6 +376,8 @@ static const struct route routes[] = {
     {"GET", "/state", ROLE_WATCH, send_state, NULL},
     {"GET", "/metrics", ROLE_WATCH, send_metrics, NULL},
     {"GET", "/v1/sessions", ROLE_WATCH, send_state, NULL},
+    {"POST", "/v1/sessions", ROLE_SAY, begin_text, end_create},
+    {"DELETE", "/v1/sessions/ID", ROLE_SAY, begin_text, end_session},
     {"GET", "/v1/sessions/ID/stream", ROLE_WATCH, watch, NULL},
     {"GET", "/v1/sessions/ID/events", ROLE_WATCH, listen_to_events, NULL},
     {"POST", "/v1/sessions/ID/say", ROLE_SAY, begin_say, end_say},

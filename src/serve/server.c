@@ -183,7 +183,9 @@ static void end_stream(struct ern_http_stream **stream) {
     (void)nanosleep(&(struct timespec){.tv_nsec = 1000000}, NULL);
     serve_lock(server);
   }
-  for (enum waits waits = WAITS_PART; waits <= WAITS_PIPE; waits++) serve_wake(server, s, waits);
+  serve_wake(server, s, WAITS_PART);
+  serve_wake(server, s, WAITS_EVENT);
+  serve_wake(server, s, WAITS_PIPE);
   serve_end_pieces(s);
   serve_release(s);
   serve_unlock(server);

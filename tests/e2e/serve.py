@@ -488,6 +488,35 @@ def test_sessions():
         check(name.endswith(".mp4") and sum(8 + len(part) for _, part in boxes(data)) == len(data) > 5000, f"{name}: {len(data)} bytes")
 
 
+def test_further_sessions(server):
+    """A second session of a portrait, which shares its model and settings; as many as the machine can do; its end."""
+    ask = lambda id_, portrait="head": server.ask("POST", "/v1/sessions", json.dumps({"portrait": portrait, "id": id_}), kind="application/json")
+    for id_, portrait, expected in ("a/b", "head", 400), ("..", "head", 400), ("x", "none", 422), ("head", "head", 422), (3, "head", 400):
+        status, answer = ask(id_, portrait)
+        check(status == expected and "error" in answer, f"{id_} {portrait}: {status} {answer}")
+    check(ask("second")[0] == 200, "a second session")
+    ids = lambda: [session["id"] for session in server.ask("GET", "/state")[1]["sessions"]]
+    until(lambda: ids() == ["head", "second"], "the second session")
+    viewers = [Reader(server, f"/v1/sessions/{id_}/stream") for id_ in ("head", "second")]
+    status, answer = server.ask("POST", "/v1/sessions/second/say", b"hello", kind="text/plain")
+    check(status == 202 and answer["id"] == 1, f"{answer}")
+    until(lambda: all(viewer.bytes.count(b"moof") > 10 for viewer in viewers), "their pictures")
+    for k in range(40 if LONG else 1):
+        status, answer = ask(f"more{k}")
+        if status != 200:
+            break
+    check(status in (200, 503) if not LONG else status == 503 or "32 already" in answer["error"], f"{k} further sessions: {status} {answer}")
+    check(server.ask("DELETE", "/v1/sessions/none")[0] == 404, "an end of none")
+    for id_ in ids()[1:]:
+        check(server.ask("DELETE", f"/v1/sessions/{id_}")[0] == 200, f"the end of {id_}")
+    check(ids() == ["head"], f"{ids()}")
+    until(lambda: viewers[1].ended, "the end of its stream")
+    check(not viewers[0].ended, "the first session's stream has ended")
+    for viewer in viewers:
+        viewer.close()
+        check_stream(Stream(viewer), "a session's viewer")
+
+
 def test_words():
     """What cannot be served is refused before anything is opened."""
     with open("short", "w") as file:
@@ -525,7 +554,7 @@ BASE = ["head.safetensors", "--clip", "clip", "--size", "32x32", "--tts", "./tts
 def main():
     make_files()
     with Server(*BASE) as server:
-        for test in test_watch_and_say, test_stop, test_pieces, test_speech_fails, test_changes, test_refused, test_described, test_hostile:
+        for test in test_watch_and_say, test_stop, test_pieces, test_speech_fails, test_changes, test_refused, test_described, test_further_sessions, test_hostile:
             began = time.monotonic()
             test(server)
             print(f"{test.__name__}: {time.monotonic() - began:.1f} s", flush=True)

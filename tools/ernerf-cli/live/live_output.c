@@ -204,6 +204,15 @@ void live_output_free(struct live_output *output) {
   free(output->error);
 }
 
+double live_output_seconds(struct live_output *output) {
+  clockid_t clock;
+  struct timespec used;
+  if (!atomic_load(&output->running) || pthread_getcpuclockid(output->thread, &clock) != 0 ||
+      clock_gettime(clock, &used) != 0)
+    return 0;
+  return (double)used.tv_sec + 1e-9 * (double)used.tv_nsec;
+}
+
 double live_output_late(const struct live_output *output, double share) {
   unsigned long long seen = 0;
   const double wanted = share * (double)atomic_load(&output->written);

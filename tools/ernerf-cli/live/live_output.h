@@ -72,6 +72,8 @@ void live_output_close(struct live_output *output, bool soon);
 void live_output_fail(struct live_output *output);
 void live_output_free(struct live_output *output); /* in any state */
 
+/* Seconds of processor time that coding and writing have taken; 0 where that is not known. */
+double live_output_seconds(struct live_output *output);
 /* Quantile of the lateness: `share` of the frames were written at most so many milliseconds late. */
 double live_output_late(const struct live_output *output, double share);
 

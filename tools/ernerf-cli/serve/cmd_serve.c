@@ -6,30 +6,27 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "serve/serve_keeper.h"
 #include "serve/serve_library.h"
-#include "serve/serve_session.h"
 #include "verbs.h"
 
-enum { IN_OPTIONS = 3, OUT_OPTIONS = 10, MOST_SESSIONS = 8, TOKEN_LEAST = 16, TOKEN_BYTES = 512, LOOK_MS = 50 };
+enum { IN_OPTIONS = 3, OUT_OPTIONS = 10, TOKEN_LEAST = 16, TOKEN_BYTES = 512, LOOK_MS = 50 };
 
 struct serve_job {
   struct live_job live; /* the options of every session, and the program's own session */
-  const char *models[MOST_SESSIONS];
-  const char *name, *say_file, *watch_file, *record;
+  const char *models[SERVE_PORTRAITS];
+  const char *say_file, *watch_file;
   int viewers, connections;
-  int threads; /* of a session, where no option says how many: its share of the cores */
   struct ern_http_options http_options;
   char say_token[TOKEN_BYTES], watch_token[TOKEN_BYTES];
-  const struct ern_http_functions *http;
-  struct ern_http_server *server;
-  struct serve_session *sessions[MOST_SESSIONS];
+  struct serve_keeper keeper;
 };
 
 /* ---- words ------------------------------------------------------------------------------------------------------- */
 
 static void in_options(struct serve_job *serve, struct option options[IN_OPTIONS]) {
   const struct option rows[] = {
-      {ARGS_TEXT("name", &serve->name), .choices = "ID",
+      {ARGS_TEXT("name", &serve->keeper.name), .choices = "ID",
        .help = "the session's name in addresses: letters, digits, ., - and _ (default PORTRAIT without folder and "
                "ending); with one PORTRAIT"},
       {ARGS_TEXT("tts", &serve->live.sound.tts.program), .choices = "PROGRAM",
@@ -61,20 +58,13 @@ static void out_options(struct serve_job *serve, struct option options[OUT_OPTIO
       {ARGS_INT("viewers", &serve->viewers, 1, 10000), .help = "most viewers of all sessions (default 64)"},
       {ARGS_INT("connections", &serve->connections, 4, 20000),
        .help = "most connections, those of viewers among them (default 256)"},
-      {ARGS_TEXT("record", &serve->record), .choices = "FOLDER",
+      {ARGS_TEXT("record", &serve->keeper.record), .choices = "FOLDER",
        .help = "records each session as FOLDER/ID-TIME.mp4, from its beginning to its end, as it is coded for viewers"},
       {ARGS_SECONDS("duration", &serve->live.seconds, 0.04, 1e9), .help = "end after T (default: with a signal)"}};
   ARGS_FILL(options, rows, OUT_OPTIONS);
 }
 
 static bool is_local(const char *address) { return strncmp(address, "127.", 4) == 0 || strcmp(address, "::1") == 0; }
-
-/* Letters and the like; not "." and "..", which paths of addresses lose. */
-static bool is_name(const char *name) {
-  static const char letters[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789.-_";
-  const size_t bytes = strlen(name);
-  return bytes > 0 && bytes < SERVE_ID && strspn(name, letters) == bytes && name[0] != '.';
-}
 
 static int check_usage(struct serve_job *serve, const struct args *args) {
   int status = live_check(&serve->live, args);
@@ -83,9 +73,9 @@ static int check_usage(struct serve_job *serve, const struct args *args) {
   if (status < 0 && serve->live.sound.tts.program == NULL) status = args_forbid(args, "tts-argument", "needs --tts");
   if (status < 0 && serve->live.sound.tts.program != NULL)
     status = args_forbid(args, "voice", "is espeak-ng's, not --tts's");
-  if (status < 0 && serve->name != NULL && !is_name(serve->name))
-    status =
-        args_refuse(args, "--name is \"%s\", expected up to %d letters, digits, ., - and _", serve->name, SERVE_ID - 1);
+  if (status < 0 && serve->keeper.name != NULL && !serve_is_name(serve->keeper.name))
+    status = args_refuse(args, "--name is \"%s\", expected up to %d letters, digits, ., - and _", serve->keeper.name,
+                         SERVE_ID - 1);
   if (status < 0 && !is_local(serve->http_options.listen) && (serve->say_file == NULL || serve->watch_file == NULL))
     status = args_refuse(args, "--listen %s admits other machines: expected --say-token and --watch-token",
                          serve->http_options.listen);
@@ -126,82 +116,33 @@ static int read_tokens(struct serve_job *serve) {
   return 0;
 }
 
-/* ---- sessions ---------------------------------------------------------------------------------------------------- */
-
-/* MODEL without its ending, of which `folder` is the clip unless --clip names it. */
-static bool without_ending(const char *model, char *stem, size_t bytes) {
-  const char *dot = strrchr(model, '.'), *slash = strrchr(model, '/');
-  const size_t length = dot != NULL && (slash == NULL || dot > slash) ? (size_t)(dot - model) : strlen(model);
-  return snprintf(stem, bytes, "%.*s", (int)length, model) < (int)bytes;
-}
-
-static int open_session(struct serve_job *serve, const struct args *args, size_t k) {
-  struct session *session = &serve->live.session;
-  struct serve_session *made = calloc(1, sizeof *made);
-  char stem[sizeof made->clip];
-  serve->sessions[k] = made;
-  if (made == NULL) return session_fail_with(session, "no memory for a session");
-  made->job = serve->live;
-  if (made->job.session.threads == 0) made->job.session.threads = serve->threads;
-  made->job.portrait.model_path = serve->models[k];
-  made->job.portrait.chosen.config = &made->job.portrait.render;
-  if (!without_ending(serve->models[k], stem, sizeof stem))
-    return session_fail_with(session, "%s: the name is too long", serve->models[k]);
-  snprintf(made->clip, sizeof made->clip, "%s", stem);
-  if (made->job.portrait.source.path == NULL) made->job.portrait.source.path = made->clip;
-  const char *slash = strrchr(stem, '/'), *name = serve->name != NULL ? serve->name : slash != NULL ? slash + 1 : stem;
-  if (!is_name(name))
-    return session_fail_with(session, "%s: its name is none for an address, expected --name ID", serve->models[k]);
-  for (size_t i = 0; i < k; i++)
-    if (strcmp(serve->sessions[i]->id, name) == 0)
-      return session_fail_with(session, "%s: another PORTRAIT has the name %s too", serve->models[k], name);
-  snprintf(made->id, sizeof made->id, "%s", name);
-  return serve_session_open(made, args, serve->http, serve->server, serve->record);
-}
-
-/* A session that ends by itself has failed; the others go on. Returns whether one runs. */
-static bool look_after(struct serve_job *serve) {
-  bool any = false;
-  for (size_t k = 0; k < MOST_SESSIONS; k++) {
-    struct serve_session *s = serve->sessions[k];
-    if (s == NULL || !s->running) continue;
-    if (!atomic_load(&s->over) || session_interrupted()) {
-      any = true;
-      continue;
-    }
-    if (s->status != 0) session_warn(&serve->live.session, "%s: the session ends: %s", s->id, s->failed);
-    serve_session_close(s);
-  }
-  return any;
-}
+/* ---- the server ----------------------------------------------------------------------------------------------------
+ */
 
 static int run(struct serve_job *serve, const struct args *args) {
   struct session *session = &serve->live.session;
+  struct serve_keeper *keeper = &serve->keeper;
+  struct ern_http_options *http = &serve->http_options;
   char error[1024];
   int status = read_tokens(serve);
-  if (status == 0) status = serve_library_load(&serve->http, session);
-  if (status == 0 && !serve->http->start(&serve->http_options, &serve->server, error, sizeof error))
+  (void)pthread_mutex_init(&keeper->mutex, NULL); /* does not fail on Linux */
+  keeper->live = &serve->live;
+  keeper->args = args;
+  http->keeper = (struct ern_http_keeper){serve_keeper_create, serve_keeper_end, keeper};
+  if (status == 0) status = serve_library_load(&keeper->http, session);
+  if (status == 0 && !keeper->http->start(http, &keeper->server, error, sizeof error))
     status = session_fail_with(session, "%s", error);
-  const long cores = sysconf(_SC_NPROCESSORS_ONLN);
-  size_t count = 1;
-  while (count < MOST_SESSIONS && serve->models[count] != NULL) count++;
-  serve->threads = count > 1 && cores > 0 ? (int)(((size_t)cores + count - 1) / count) : 0;
   if (status == 0 && session_backend(session) != ERN_OK) status = session_fail(session);
-  for (size_t k = 0; status == 0 && k < MOST_SESSIONS && serve->models[k] != NULL; k++)
-    status = open_session(serve, args, k);
-  if (status == 0)
-    session_note(session, "serve: http://%s:%d/", serve->http_options.listen, serve->http->port(serve->server));
-  while (status == 0 && !session_interrupted() && look_after(serve))
+  if (status == 0) status = serve_keeper_open(keeper, serve->models);
+  if (status == 0) session_note(session, "serve: http://%s:%d/", http->listen, keeper->http->port(keeper->server));
+  while (status == 0 && !session_interrupted() && serve_keeper_look(keeper))
     (void)nanosleep(&(struct timespec){.tv_nsec = LOOK_MS * 1000000}, NULL);
   if (status == 0 && !session_interrupted() && serve->live.seconds <= 0)
     status = session_fail_with(session, "no session is left");
-  for (size_t k = 0; k < MOST_SESSIONS; k++) serve_session_stop(serve->sessions[k]);
-  for (size_t k = 0; k < MOST_SESSIONS; k++) {
-    serve_session_close(serve->sessions[k]);
-    free(serve->sessions[k]);
-  }
-  if (serve->http != NULL) serve->http->stop(&serve->server);
+  serve_keeper_close(keeper);
+  if (keeper->http != NULL) keeper->http->stop(&keeper->server);
   if (status == 0 && session_interrupted()) status = session_stop_with(session, "stopped");
+  (void)pthread_mutex_destroy(&keeper->mutex);
   session_close(session);
   return status;
 }
@@ -209,13 +150,13 @@ static int run(struct serve_job *serve, const struct args *args) {
 int cmd_serve(int argc, char **argv) {
   struct serve_job *serve = calloc(1, sizeof *serve);
   struct live_tables *tables = calloc(1, sizeof *tables);
-  struct word words[MOST_SESSIONS];
+  struct word words[SERVE_PORTRAITS];
   int status = EXIT_FAILURE;
   if (serve == NULL || tables == NULL) {
     fprintf(stderr, "ernerf serve: no memory\n");
     goto fail;
   }
-  for (size_t k = 0; k < MOST_SESSIONS; k++)
+  for (size_t k = 0; k < SERVE_PORTRAITS; k++)
     words[k] = (struct word){"PORTRAIT", &serve->models[k],
                              k > 0 ? "another one, up to 8"
                                    : "a .safetensors file: a head, or head and torso; its clip is the folder "
@@ -227,8 +168,8 @@ int cmd_serve(int argc, char **argv) {
                           "serve PORTRAIT --clip CLIP [--video VIDEO] [--port N]",
                       .notes = "docs/serve.md: requests, events, who may ask, behind a proxy, figures.",
                       .words = words,
-                      .word_count = MOST_SESSIONS,
-                      .optional_words = MOST_SESSIONS - 1};
+                      .word_count = SERVE_PORTRAITS,
+                      .optional_words = SERVE_PORTRAITS - 1};
   in_options(serve, tables->in);
   out_options(serve, tables->out);
   live_tables_fill(tables, &serve->live, IN_OPTIONS, OUT_OPTIONS, &args);

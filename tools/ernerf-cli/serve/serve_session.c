@@ -209,9 +209,11 @@ int serve_session_open(struct serve_session *s, const struct args *args, const s
   if (live_open(job, args) != 0) return EXIT_FAILURE;
   session_note(session, "serve: %s: %d x %d, %.4g frames a second", s->id, job->size.width, job->size.height,
                rate_value(job->rate));
+  char *held = session->held;
   session->held = s->failed;
+  s->opened = session_seconds();
   if (pthread_create(&s->thread, NULL, draw, s) != 0) {
-    session->held = NULL;
+    session->held = held;
     return session_fail_with(session, "%s: cannot start a thread that draws", s->id);
   }
   s->running = true;

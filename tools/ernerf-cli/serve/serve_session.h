@@ -19,7 +19,8 @@ struct serve_line {
 };
 
 struct serve_session {
-  char id[SERVE_ID], clip[4096]; /* clip: its folder, where no option names it */
+  char id[SERVE_ID];
+  double opened; /* by session_seconds */
   struct live_job job;
   const struct ern_http_functions *http;
   struct ern_http_stream *stream;
