@@ -217,6 +217,11 @@ static void test_cancel_ends_tts(void **state) {
   live_sound_cancel(&sound);
   assert_int_equal(dropped_count, 4);
   assert_int_equal(dropped[3], 4);
+  assert_int_equal(live_sound_say(&sound, true, "c"), 5);
+  expect(LIVE_STARTED, 5);
+  expect(LIVE_ENDED, 5);
+  live_sound_cancel(&sound); /* of nothing */
+  assert_int_equal(dropped_count, 4);
 }
 
 /* Samples that come in pieces, the first of which are heard before the last have come. */

@@ -77,6 +77,7 @@ static void end_mark(struct live_sound *sound, unsigned id) {
     add_mark(sound, (struct live_mark){.id = id, .failed = true});
   else if (mark->end == UINT64_MAX)
     mark->end = ern_live_samples(sound->live);
+  sound->current = 0;
   (void)pthread_mutex_unlock(&sound->mutex);
 }
 

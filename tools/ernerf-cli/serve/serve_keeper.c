@@ -49,13 +49,13 @@ static int open_session(struct serve_keeper *keeper, struct serve_portrait *port
   made->job.portrait.chosen.config = &made->job.portrait.render;
   if (made->job.portrait.source.path == NULL) made->job.portrait.source.path = portrait->clip;
   made->job.rate_control.like = portrait->is_measured ? &portrait->measured : NULL;
+  made->measured = portrait->is_measured ? NULL : &portrait->measured;
   snprintf(made->id, sizeof made->id, "%s", id);
   const int status = serve_session_open(made, keeper->args, keeper->http, keeper->server, keeper->record);
   if (status != 0) {
     forget(&keeper->sessions[k]);
     return status;
   }
-  if (!portrait->is_measured) portrait->measured = made->job.rate_control;
   portrait->is_measured = true;
   return 0;
 }
@@ -107,8 +107,9 @@ static double cores_of(const struct serve_keeper *keeper, const struct serve_por
   *count = 0;
   for (size_t k = 0; k < SERVE_SESSIONS; k++) {
     struct serve_session *s = keeper->sessions[k];
-    if (s == NULL || !s->running || atomic_load(&s->over)) continue;
-    const double seconds = session_seconds() - s->opened, used = live_output_seconds(&s->job.output);
+    if (s == NULL) continue;
+    const double seconds = session_seconds() - s->opened, used = serve_session_coding(s);
+    if (used < 0) continue;
     cores += rate_control_least(&s->job.rate_control, keeper->cores) * rate / 1000;
     coding += seconds > 2 && used > 0 ? used / seconds : usual_coding;
     (*count)++;

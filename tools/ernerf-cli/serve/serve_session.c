@@ -209,6 +209,7 @@ int serve_session_open(struct serve_session *s, const struct args *args, const s
   if (live_open(job, args) != 0) return EXIT_FAILURE;
   session_note(session, "serve: %s: %d x %d, %.4g frames a second", s->id, job->size.width, job->size.height,
                rate_value(job->rate));
+  if (s->measured != NULL) *s->measured = job->rate_control;
   char *held = session->held;
   session->held = s->failed;
   s->opened = session_seconds();
@@ -218,6 +219,13 @@ int serve_session_open(struct serve_session *s, const struct args *args, const s
   }
   s->running = true;
   return 0;
+}
+
+double serve_session_coding(struct serve_session *s) {
+  (void)pthread_mutex_lock(&s->mutex); /* the thread that codes is there until `ended` is set */
+  const double seconds = s->running && !s->ended ? live_output_seconds(&s->job.output) : -1;
+  (void)pthread_mutex_unlock(&s->mutex);
+  return seconds;
 }
 
 void serve_session_stop(struct serve_session *s) {

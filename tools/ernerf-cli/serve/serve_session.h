@@ -20,7 +20,8 @@ struct serve_line {
 
 struct serve_session {
   char id[SERVE_ID];
-  double opened; /* by session_seconds */
+  struct rate_control *measured; /* set by the caller: gets the settings and times that were found; NULL: none */
+  double opened;                 /* by session_seconds */
   struct live_job job;
   const struct ern_http_functions *http;
   struct ern_http_stream *stream;
@@ -48,6 +49,8 @@ struct serve_session {
  * serve_session_close in either case. */
 int serve_session_open(struct serve_session *session, const struct args *args, const struct ern_http_functions *http,
                        struct ern_http_server *server, const char *record);
+/* Seconds of processor time that coding has taken; below 0: the session is ending. */
+double serve_session_coding(struct serve_session *session);
 /* Asks the thread to end; serve_session_close then waits for it. */
 void serve_session_stop(struct serve_session *session);
 /* Ends the thread and the streams of the viewers. In any state. */
