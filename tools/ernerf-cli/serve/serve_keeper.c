@@ -39,7 +39,7 @@ static int open_session(struct serve_keeper *keeper, struct serve_portrait *port
   struct session session = keeper->live->session;
   session.held = held;
   if (made == NULL)
-    return session_fail_with(&session, "no memory for a session, or there are %d already", SERVE_SESSIONS);
+    return session_fail_with(&session, "no memory for a session, or %d are there or end", SERVE_SESSIONS);
   keeper->sessions[k] = made;
   made->job = *keeper->live;
   made->job.session.held = held;
@@ -161,7 +161,9 @@ static void create(struct serve_keeper *keeper, const struct serve_wish *wish, c
     return;
   }
   const double used = cores_of(keeper, NULL, &count), more = cores_of(keeper, portrait, &other);
-  if (used + more > most_share * keeper->cores)
+  if (count >= SERVE_SESSIONS)
+    snprintf(answer, SESSION_HELD, "busy: there are %d sessions already, the most that a server has", SERVE_SESSIONS);
+  else if (used + more > most_share * keeper->cores)
     snprintf(answer, SESSION_HELD,
              "busy: the machine is too slow for another session: %zu need %.2f of its %d cores at least, and this one "
              "%.2f more, expected %.2f together at most",
