@@ -80,6 +80,14 @@ ERN_API ERN_NODISCARD ern_status ern_sound_reader_read(ern_sound_reader *reader,
 
 /* ---- pictures and sound out -------------------------------------------------------------------------------------- */
 
+/* What ends with the bytes that ern_stream_options.write has been given. */
+typedef enum ern_stream_piece {
+  ERN_STREAM_MORE = 0,  /* nothing: more of the same part follows */
+  ERN_STREAM_HEAD = 1,  /* the head, which every receiver needs first (mp4: the initialisation segment) */
+  ERN_STREAM_KEY = 2,   /* a part that begins with a key frame: a receiver that has the head can begin with it */
+  ERN_STREAM_FRAME = 3, /* a part that needs those before it */
+} ern_stream_piece;
+
 /* Plain data, may grow. */
 typedef struct ern_stream_options {
   uint32_t cookie, size; /* set by ern_stream_options_default() */
@@ -98,10 +106,15 @@ typedef struct ern_stream_options {
   const ern_provenance *provenance; /* what the stream says of how it was made (media.h), where its format has a place
                                        for it; read by ern_stream_writer_open alone; NULL (default): nothing */
   int (*stop)(void *user); /* as in ern_sound_reader_options, while a call waits for the receiver of the stream */
-  void *user;              /* handed to `stop` */
+  void *user;              /* handed to `stop` and `write` */
   double pixel_aspect;     /* width of a pixel over its height, as it is to be shown: 0.01 to 100, default 1 */
   const char *preset;      /* of x264, "ultrafast" to "placebo": how much time H.264 takes; NULL (default): "veryfast".
                               Read by ern_stream_writer_open alone */
+  int (*write)(void *user, const void *bytes, size_t count, ern_stream_piece piece); /* takes the stream in place of a
+                              file or address; the url is then a name for messages, and the format mp4, in fragments of
+                              one picture and its sound. It is called in ern_stream_writer_frame, _patch and _close, on
+                              their thread; the end of a part has 0 bytes. Anything but 0 is ERN_E_IO. Read by
+                              ern_stream_writer_open alone; NULL (default): none */
 } ern_stream_options;
 
 /* The defaults. */

@@ -334,6 +334,7 @@ static ern_status encode(struct ern_muxer *muxer, AVCodecContext *codec, AVStrea
     if (error < 0) return ern_av_fail(context, ERN_E_MEDIA, muxer->path, "encode", error);
     av_packet_rescale_ts(muxer->packet, codec->time_base, stream->time_base);
     muxer->packet->stream_index = stream->index;
+    if (codec->codec_type == AVMEDIA_TYPE_VIDEO && (muxer->packet->flags & AV_PKT_FLAG_KEY) != 0) muxer->has_key = true;
     error = av_interleaved_write_frame(muxer->container, muxer->packet); /* takes ownership of the packet's data */
     if (error >= 0) error = muxer->container->pb->error;
     if (error < 0) return ern_av_fail(context, ERN_E_IO, muxer->path, "write", error);

@@ -67,6 +67,7 @@ struct ern_muxer {
   const char *path; /* for messages */
   AVFormatContext *container;
   AVPacket *packet;
+  bool has_key; /* set where a picture's packet is a key frame; the caller clears it */
 };
 /* Sets metadata tags of the container, before its header is written; does nothing where texts->xmp is NULL.
  * ERN_E_NO_MEMORY. */

@@ -21,7 +21,7 @@ enum {
   MOST = 3 * 40 * 40
 };
 
-extern const unsigned char ern_weights_articulatory[];
+extern const unsigned char ern_weights_text_articulatory[];
 extern const size_t ern_weights_bytes_articulatory;
 
 static float random_value(uint32_t *state) { /* -1 to 1 */
@@ -85,7 +85,7 @@ static void compute(ern_context *context, float band[ROWS][BANDS], const bool au
   uint8_t *bytes = NULL;
   char name[40];
   support_ok(context, ERN_NEW(context, ern_weights_bytes_articulatory, &bytes));
-  memcpy(bytes, ern_weights_articulatory, ern_weights_bytes_articulatory);
+  memcpy(bytes, ern_weights_text_articulatory, ern_weights_bytes_articulatory);
   support_ok(context, ern_safetensors_open(context, "weights", bytes, ern_weights_bytes_articulatory, &file));
   read_weights(context, &file, "mean", mean);
   for (int b = 0; b < BANDS; b++) { /* the mean of 50 rows before and of the audible ones, of which each fades */

@@ -1,8 +1,11 @@
 /* SPDX-License-Identifier: MIT
- * Utterances of `live --control`: which frames each of them begins and ends with. */
+ * Utterances of `live --control` and `serve`: which frames each of them begins and ends with, programs that make sound
+ * of a text, and sound from a pipe. */
 #include "../support.h"
 
+#include <signal.h>
 #include <stdbool.h>
+#include <sys/stat.h>
 
 #include "ernerf/media.h"
 
@@ -10,6 +13,7 @@
 #define session_interrupted live_sound_interrupted
 #define session_fail_with live_sound_fail_with
 #include "../../tools/ernerf-cli/live/live_sound.c"
+#include "../../tools/ernerf-cli/live/live_tts.c"
 
 enum { RATE = 48000, FRAME = RATE / 25, SAMPLES = RATE / 2 /* of said.wav: 12.5 frames */ };
 
@@ -118,8 +122,131 @@ static void test_cancel(void **state) {
   expect(LIVE_STARTED, 3);
 }
 
+/* ---- programs that make sound of a text, and pipes ----------------------------------------------------------------
+ */
+
+/* A program in this folder that runs `line` of the shell. */
+static void make_program(const char *name, const char *line) {
+  FILE *file = fopen(name, "w");
+  assert_non_null(file);
+  fprintf(file, "#!/bin/sh\n%s\n", line);
+  (void)fclose(file);
+  assert_int_equal(chmod(name, 0700), 0);
+}
+
+static void read_text(const char *path, char text[256]) {
+  FILE *file = fopen(path, "r");
+  assert_non_null(file);
+  text[fread(text, 1, 255, file)] = 0;
+  (void)fclose(file);
+}
+
+static void speak_by(const char *program, const char *argument) {
+  sound.tts.program = program;
+  sound.tts.arguments = (struct text_list){.text = {argument}, .count = argument != NULL};
+}
+
+/* The text is on its standard input, and no shell sees it or the argument. */
+static void test_tts(void **state) {
+  (void)state;
+  make_program("./tts.sh", "cat > text.txt; echo \"$1\" >> text.txt; cat said.wav");
+  speak_by("./tts.sh", "a b; $HOME");
+  assert_int_equal(live_sound_say(&sound, true, "say `this` $(and) \"that\";"), 1);
+  expect(LIVE_STARTED, 1);
+  expect(LIVE_ENDED, 1);
+  assert_int_equal(atomic_load(&sound.samples_pushed), SAMPLES);
+  char text[256];
+  read_text("text.txt", text);
+  assert_string_equal(text, "say `this` $(and) \"that\";a b; $HOME\n");
+}
+
+static void expect_error(const char *what) {
+  char *error = live_sound_take_error(&sound);
+  assert_non_null(error);
+  if (strstr(error, what) == NULL) fail_msg("\"%s\" is not in: %s", what, error);
+  free(error);
+}
+
+static void test_tts_fails(void **state) {
+  (void)state;
+  make_program("./fails.sh", "exit 3");
+  make_program("./text.sh", "echo this is no sound");
+  speak_by("./gone.sh", NULL);
+  assert_int_equal(live_sound_say(&sound, true, "a"), 1);
+  expect(LIVE_FAILED, 1);
+  expect_error("--tts ./gone.sh: cannot be started: No such file");
+  speak_by("./fails.sh", NULL);
+  assert_int_equal(live_sound_say(&sound, true, "a"), 2);
+  expect(LIVE_FAILED, 2);
+  expect_error("--tts ./fails.sh: ended with exit status 3");
+  speak_by("./text.sh", NULL);
+  assert_int_equal(live_sound_say(&sound, true, "a"), 3);
+  expect(LIVE_FAILED, 3);
+  expect_error("./text.sh: is no sound");
+}
+
+static unsigned dropped[8];
+static size_t dropped_count;
+static void note_dropped(void *user, unsigned id) {
+  (void)user;
+  dropped[dropped_count++] = id;
+}
+
+/* A cancel ends the program that is speaking, with what that has started, and tells of each utterance once. */
+static void test_cancel_ends_tts(void **state) {
+  (void)state;
+  struct stat there;
+  sound.dropped = note_dropped;
+  dropped_count = 0;
+  (void)remove("pid.txt");
+  make_program("./hangs.sh", "sleep 600 & echo $! > pid.tmp; mv pid.tmp pid.txt; wait");
+  speak_by("./hangs.sh", NULL);
+  for (unsigned id = 1; id <= 3; id++) assert_int_equal(live_sound_say(&sound, true, "a"), id);
+  for (int i = 0; i < 5000 && stat("pid.txt", &there) != 0; i++) nap();
+  live_sound_cancel(&sound);
+  assert_int_equal(dropped_count, 3);
+  for (unsigned id = 1; id <= 3; id++) assert_int_equal(dropped[id - 1], id);
+  char text[256];
+  read_text("pid.txt", text);
+  const pid_t pid = (pid_t)atoi(text);
+  assert_true(pid > 1);
+  for (int i = 0; i < 5000 && kill(pid, 0) == 0; i++) nap();
+  speak_by("./tts.sh", NULL);
+  assert_int_equal(live_sound_say(&sound, true, "b"), 4);
+  expect(LIVE_STARTED, 4);
+  live_sound_cancel(&sound);
+  assert_int_equal(dropped_count, 4);
+  assert_int_equal(dropped[3], 4);
+  assert_int_equal(live_sound_say(&sound, true, "c"), 5);
+  expect(LIVE_STARTED, 5);
+  expect(LIVE_ENDED, 5);
+  live_sound_cancel(&sound); /* of nothing */
+  assert_int_equal(dropped_count, 4);
+}
+
+/* Samples that come in pieces, the first of which are heard before the last have come. */
+static void test_pipe(void **state) {
+  (void)state;
+  int16_t samples[SAMPLES];
+  int made[2];
+  for (size_t i = 0; i < SAMPLES; i++) samples[i] = (int16_t)(i % 100 * 100);
+  assert_true(live_tts_pipe(made));
+  const struct live_pipe pipe = {"it", made[0], "s16le", RATE, 1};
+  assert_int_equal(live_sound_pipe(&sound, &pipe), 1);
+  assert_int_equal(write(made[1], samples, sizeof samples / 2), sizeof samples / 2);
+  expect(LIVE_STARTED, 1);
+  assert_int_equal(write(made[1], samples + SAMPLES / 2, sizeof samples / 2), sizeof samples / 2);
+  (void)close(made[1]);
+  expect(LIVE_ENDED, 1);
+  assert_int_equal(atomic_load(&sound.samples_pushed), SAMPLES);
+  for (int i = 0; i < 5000 && fcntl(made[0], F_GETFD) != -1; i++) nap(); /* it is closed */
+  assert_int_equal(fcntl(made[0], F_GETFD), -1);
+}
+
+#define TEST(name) cmocka_unit_test_setup_teardown(name, set_up, tear_down)
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test_setup_teardown(test_begin_and_end, set_up, tear_down),
-                                     cmocka_unit_test_setup_teardown(test_cancel, set_up, tear_down)};
+  (void)signal(SIGPIPE, SIG_IGN);
+  const struct CMUnitTest tests[] = {TEST(test_begin_and_end), TEST(test_cancel),          TEST(test_tts),
+                                     TEST(test_tts_fails),     TEST(test_cancel_ends_tts), TEST(test_pipe)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

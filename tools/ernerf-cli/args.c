@@ -357,6 +357,13 @@ static int take_setting(const struct args *args, struct option *option, const ch
   return take_setting_value(args, option->target, index, written(option, name), text);
 }
 
+static int take_list(const struct args *args, struct option *option, const char *text) {
+  struct text_list *list = option->target;
+  if (list->count == TEXT_LIST) return args_refuse(args, "--%s is given more than %d times", option->name, TEXT_LIST);
+  list->text[list->count++] = text;
+  return -1;
+}
+
 static bool ends_in(const char *text, const char *ending) {
   const size_t bytes = strlen(text), tail = strlen(ending);
   return bytes > tail && strcmp(text + bytes - tail, ending) == 0;
@@ -377,6 +384,7 @@ static int take_value(const struct args *args, struct option *option, const char
     case OPTION_RATE: return take_rate(args, option, text);
     case OPTION_PAIR: return take_pair(args, option, text);
     case OPTION_SETTING: return take_setting(args, option, text);
+    case OPTION_LIST: return take_list(args, option, text);
     case OPTION_JSON:
       if (strcmp(text, "-") != 0 && !ends_in(text, ".json"))
         return refuse_value(args, option, text, "- or a name that ends in .json");

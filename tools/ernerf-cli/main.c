@@ -22,6 +22,7 @@ static const struct verb verbs[] = {
     {"join", "join videos of successive frames into one, without re-encoding", cmd_join},
     {"detect", "find the watermark of a key in a video", cmd_detect},
     {"live", "render speech while it is spoken, as a stream", cmd_live},
+    {"serve", "serve talking portraits over HTTP to many viewers", cmd_serve},
     {"eval", "compare a model with the frames of a clip: PSNR, SSIM, frames a second", cmd_eval},
     {"compare", "compare two portraits on the same frames: figures, pictures, a video, a page", cmd_compare},
     {"check", "list what a clip has, what it lacks, and what follows from that", cmd_check},

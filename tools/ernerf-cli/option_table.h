@@ -25,6 +25,13 @@ struct pair {
   float first, second;
 };
 
+/* The values of an option that may be given more than once. */
+enum { TEXT_LIST = 16 };
+struct text_list {
+  const char *text[TEXT_LIST];
+  size_t count;
+};
+
 enum option_kind {
   OPTION_FLAG,       /* bool: set to true */
   OPTION_OFF,        /* bool: set to false */
@@ -32,6 +39,7 @@ enum option_kind {
   OPTION_COUNT,      /* uint64_t in [low, high]; high 0: no end */
   OPTION_FLOAT,      /* float in [low, high] */
   OPTION_TEXT,       /* const char *, not empty */
+  OPTION_LIST,       /* struct text_list: TEXT_LIST values at most, each of an option of its own */
   OPTION_BYTES,      /* uint64_t >= 1 with K, M, G for powers of 1024 */
   OPTION_SECONDS,    /* double: seconds in [low, high], written 90, 90s, 10m or 1.5h */
   OPTION_CHOICE,     /* int: index of the word in `choices`, split at '|' */
@@ -73,6 +81,7 @@ struct option {
   ARGS_BOUNDED(OPTION_DIMENSIONS, struct dimensions, name, target, least, most)
 #define ARGS_PAIR(name, target, least, most) ARGS_BOUNDED(OPTION_PAIR, struct pair, name, target, least, most)
 #define ARGS_TEXT(name, target) ARGS_ROW(OPTION_TEXT, const char *, name, target)
+#define ARGS_LIST(name, target) ARGS_ROW(OPTION_LIST, struct text_list, name, target)
 #define ARGS_BYTES(name, target) ARGS_ROW(OPTION_BYTES, uint64_t, name, target)
 #define ARGS_CHOICE(name, target, words) ARGS_ROW(OPTION_CHOICE, int, name, target), .choices = (words)
 #define ARGS_RANGE(name, target) ARGS_ROW(OPTION_RANGE, struct range, name, target)

@@ -44,6 +44,7 @@ const char *option_value(const struct option *option) {
     case OPTION_INT:
     case OPTION_COUNT: return "N";
     case OPTION_FLOAT: return "X";
+    case OPTION_LIST:
     case OPTION_TEXT: return "FILE";
     case OPTION_BYTES: return "BYTES";
     case OPTION_SECONDS: return "T";

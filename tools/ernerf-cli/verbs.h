@@ -15,6 +15,7 @@ int cmd_dub(int argc, char **argv);
 int cmd_join(int argc, char **argv);
 int cmd_detect(int argc, char **argv);
 int cmd_live(int argc, char **argv);
+int cmd_serve(int argc, char **argv);
 int cmd_eval(int argc, char **argv);
 int cmd_compare(int argc, char **argv);
 int cmd_check(int argc, char **argv);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * The texts of kernels/NAME.cl, written out at build time by cmake/embed_files.cmake. */
+ * The texts of kernels/NAME.cl, written out at build time by cmake/embed.cmake. */
 #ifndef ERN_OPENCL_KERNEL_SOURCES_H
 #define ERN_OPENCL_KERNEL_SOURCES_H
 

@@ -41,11 +41,13 @@ static int read_some(void *user, uint8_t *bytes, int count) {
 
 /* A pipe that is ready takes PIPE_BUF bytes without blocking. */
 static int write_all(void *user, uint8_t *bytes, int count) {
+  const struct ern_descriptor_io *io = user;
+  if (io->take != NULL) return io->take(io->user, bytes, (size_t)count) == 0 ? count : AVERROR(EIO);
   for (int done = 0; done < count;) {
-    const int error = await(user, POLLOUT);
+    const int error = await(io, POLLOUT);
     const size_t left = (size_t)(count - done), part = left < PIPE_BUF ? left : PIPE_BUF;
     if (error < 0) return error;
-    const ssize_t put = write(((struct ern_descriptor_io *)user)->descriptor, bytes + done, part);
+    const ssize_t put = write(io->descriptor, bytes + done, part);
     if (put < 0 && errno != EINTR && errno != EAGAIN) return AVERROR(errno);
     if (put > 0) done += (int)put;
   }
@@ -95,6 +97,10 @@ ern_status ern_descriptor_io_take(ern_context *context, const char *path, int de
                                   struct ern_descriptor_io *made) {
   made->descriptor = descriptor;
   made->owned = true;
+  return make_io(context, path, true, made);
+}
+
+ern_status ern_descriptor_io_call(ern_context *context, const char *path, struct ern_descriptor_io *made) {
   return make_io(context, path, true, made);
 }
 

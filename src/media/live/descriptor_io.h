@@ -15,6 +15,7 @@ struct ern_descriptor_io {
   bool owned;      /* ern_descriptor_io_close closes the descriptor */
   int patience_ms; /* a write that the other end does not take for so long fails with ETIMEDOUT; 0: none does */
   int (*stop)(void *user);
+  int (*take)(void *user, const uint8_t *bytes, size_t count); /* takes what is written, in place of the descriptor */
   void *user;
 };
 
@@ -25,6 +26,8 @@ ERN_NODISCARD ern_status ern_descriptor_io_open(ern_context *context, const char
 /* The same for a descriptor that is open for writing, and is owned from now on, also on failure. */
 ERN_NODISCARD ern_status ern_descriptor_io_take(ern_context *context, const char *path, int descriptor,
                                                 struct ern_descriptor_io *made);
+/* The same for io->take, which the caller has set, and which returns 0 where it has taken all. */
+ERN_NODISCARD ern_status ern_descriptor_io_call(ern_context *context, const char *path, struct ern_descriptor_io *made);
 void ern_descriptor_io_close(struct ern_descriptor_io *io); /* accepts a zeroed one */
 
 /* Whether the path is a FIFO, a socket or a device, so that no file can be renamed to it. */

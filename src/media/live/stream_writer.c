@@ -38,7 +38,13 @@ static const struct form {
              {"raw", NULL, {".rgba", NULL}, ERN_PICTURES_RAW, AV_CODEC_ID_NONE}};
 enum { FORMS = sizeof forms / sizeof *forms };
 
-enum target { TARGET_FILE, TARGET_PIPE, TARGET_ADDRESS, TARGET_VIEWER /* of this program as an HTTP server */ };
+enum target {
+  TARGET_FILE,
+  TARGET_PIPE,
+  TARGET_ADDRESS,
+  TARGET_VIEWER, /* of this program as an HTTP server */
+  TARGET_CALL    /* of the caller's `write` */
+};
 
 struct ern_stream_writer {
   ern_context *context;
@@ -54,6 +60,7 @@ struct ern_stream_writer {
   struct ern_sound_track sound;
   uint8_t *last; /* for "raw": the last picture */
   struct ern_provenance_texts provenance;
+  bool has_head;       /* TARGET_CALL: the head was handed over */
   int64_t head, whole; /* bytes of a file: of its header; up to the end of its last whole packet */
   ern_status broken;
   char reason[ERN_ERROR_BYTES]; /* the text of `broken` */
@@ -92,7 +99,10 @@ static bool means(const struct form *form, const char *url, bool scheme) {
 
 /* Chooses the format by its name; else by the scheme of a URL, whatever its extension; else by the extension. */
 static ern_status choose_form(ern_stream_writer *w) {
-  const char *name = w->options.format;
+  const char *name = w->options.write == NULL ? w->options.format : forms[0].name;
+  if (w->options.write != NULL && w->options.format != NULL && strcmp(w->options.format, name) != 0)
+    return ern_fail(w->context, ERN_E_UNSUPPORTED, "%s: format is \"%s\", expected mp4 where `write` takes the stream",
+                    w->url, w->options.format);
   for (size_t i = 0; i < FORMS && w->form == NULL; i++)
     if (name != NULL ? strcmp(name, forms[i].name) == 0 : means(&forms[i], w->url, true)) w->form = &forms[i];
   for (size_t i = 0; i < FORMS && w->form == NULL && name == NULL; i++)
@@ -166,7 +176,19 @@ static ern_status open_address(ern_stream_writer *w) {
   return error >= 0 ? ERN_OK : ern_av_fail(w->context, ERN_E_IO, w->url, "connect to it", error);
 }
 
+static int hand_over(void *user, const uint8_t *bytes, size_t count) {
+  const ern_stream_writer *w = user;
+  return w->options.write(w->options.user, bytes, count, ERN_STREAM_MORE);
+}
+
+static ern_status open_call(ern_stream_writer *w) {
+  w->pipe.take = hand_over;
+  w->pipe.user = w;
+  return ern_descriptor_io_call(w->context, w->url, &w->pipe);
+}
+
 static ern_status open_target(ern_stream_writer *w) {
+  if (w->target == TARGET_CALL) return open_call(w);
   if (w->target == TARGET_FILE) return open_file(w);
   if (w->target == TARGET_ADDRESS) return open_address(w);
   w->pipe.stop = w->options.stop;
@@ -176,6 +198,31 @@ static ern_status open_target(ern_stream_writer *w) {
 }
 
 static AVIOContext *io_of(const ern_stream_writer *w) { return w->pipe.io != NULL ? w->pipe.io : w->io; }
+
+/* Hands `bytes` that the muxer holds to the caller, and says what ends with them. */
+static ern_status end_piece(ern_stream_writer *w, ern_stream_piece piece) {
+  AVIOContext *io = io_of(w);
+  int error = av_write_frame(w->muxer.container, NULL);
+  avio_flush(io);
+  if (error >= 0) error = io->error;
+  if (error >= 0 && w->options.write(w->options.user, NULL, 0, piece) != 0) error = AVERROR(EIO);
+  return error >= 0 ? ERN_OK : ern_av_fail(w->context, ERN_E_IO, w->url, "write", error);
+}
+
+/* Ends a fragment. The first call also ends the head, which the muxer writes once it has a packet of each track
+ * (delay_moov). */
+static ern_status end_fragment(ern_stream_writer *w) {
+  const ern_stream_piece piece = w->muxer.has_key ? ERN_STREAM_KEY : ERN_STREAM_FRAME;
+  ern_status status = ERN_OK;
+  w->muxer.has_key = false;
+  const int error = av_interleaved_write_frame(w->muxer.container, NULL);
+  if (error < 0) ERN_TRY(ern_av_fail(w->context, ERN_E_IO, w->url, "write", error));
+  if (!w->has_head) ERN_TRY(end_piece(w, ERN_STREAM_HEAD));
+  w->has_head = true;
+  ERN_TRY(end_piece(w, piece));
+fail:
+  return status;
+}
 
 /* Hands all bytes to the output. Those of a file are then whole packets. */
 static ern_status flush(ern_stream_writer *w) {
@@ -191,8 +238,13 @@ static int set_head_options(const ern_stream_writer *w, AVDictionary **options) 
   const char *muxer = w->form->muxer;
   int error = 0;
   if (strcmp(muxer, "mp4") == 0) {
-    error = av_dict_set(options, "movflags", "+empty_moov+delay_moov+default_base_moof+use_metadata_tags", 0);
-    if (error >= 0) error = av_dict_set_int(options, "frag_duration", file ? FILE_FRAGMENT : FRAGMENT, 0);
+    error =
+        av_dict_set(options, "movflags",
+                    w->target == TARGET_CALL ? "+empty_moov+delay_moov+default_base_moof+use_metadata_tags+frag_custom"
+                                             : "+empty_moov+delay_moov+default_base_moof+use_metadata_tags",
+                    0);
+    if (error >= 0 && w->target != TARGET_CALL)
+      error = av_dict_set_int(options, "frag_duration", file ? FILE_FRAGMENT : FRAGMENT, 0);
   }
   if (!file && strcmp(muxer, "flv") == 0) error = av_dict_set(options, "flvflags", "no_duration_filesize", 0);
   if (strcmp(muxer, "matroska") == 0) /* of a file: milliseconds of a cluster */
@@ -239,11 +291,12 @@ ern_status ern_stream_writer_open(ern_context *context, const char *url, const e
   made->context = context;
   made->options = chosen;
   made->file.descriptor = -1;
-  ERN_TRY(ern_address_parse(context, url, &path));
-  made->target = strncmp(url, "http://", 7) == 0 ? TARGET_VIEWER
-                 : path == NULL                  ? TARGET_ADDRESS
-                 : ern_is_pipe(path)             ? TARGET_PIPE
-                                                 : TARGET_FILE;
+  if (chosen.write == NULL) ERN_TRY(ern_address_parse(context, url, &path));
+  made->target = chosen.write != NULL              ? TARGET_CALL
+                 : strncmp(url, "http://", 7) == 0 ? TARGET_VIEWER
+                 : path == NULL                    ? TARGET_ADDRESS
+                 : ern_is_pipe(path)               ? TARGET_PIPE
+                                                   : TARGET_FILE;
   ERN_TRY(ern_string_copy(context, path != NULL ? path : url, &made->url));
   ERN_TRY(choose_form(made));
   ERN_TRY(open_tracks(made));
@@ -276,7 +329,7 @@ static ern_status write_frame(ern_stream_writer *w, const ern_video_frame *recor
   if (w->sound.codec != NULL && frames > 0) ERN_TRY(ern_sound_track_add(&w->muxer, &w->sound, samples, frames));
   ERN_TRY(recorded == NULL ? ern_picture_track_add(&w->muxer, &w->pictures, rgba)
                            : ern_picture_track_add_patched(&w->muxer, &w->pictures, recorded->frame, part, rgba));
-  ERN_TRY(flush(w));
+  ERN_TRY(w->target == TARGET_CALL ? end_fragment(w) : flush(w));
 fail:
   return status;
 }
@@ -334,6 +387,7 @@ static ern_status finish(ern_stream_writer *w) {
       ERN_TRY(ern_fail(w->context, ERN_E_STATE, "%s: not made, for it has 0 frames, expected 1 or more", w->url));
     if (w->sound.codec != NULL) ERN_TRY(ern_sound_track_add(&w->muxer, &w->sound, NULL, 0));
     ERN_TRY(ern_muxer_encode(&w->muxer, w->pictures.codec, w->pictures.stream, NULL));
+    if (w->target == TARGET_CALL && w->pictures.count > 0) ERN_TRY(end_fragment(w));
     const bool boxed = w->target == TARGET_FILE && strcmp(w->form->muxer, "mp4") == 0;
     ERN_TRY(ern_muxer_end(&w->muxer, boxed ? w->provenance.xmp : NULL));
   }

@@ -21,7 +21,7 @@ static const int dilations[BLOCKS] = {1, 2, 4, 1, 2, 4};
 static const double prior = 50, memory = 500;
 
 /* The file's bytes (cmake/embed_files.cmake). */
-extern const unsigned char ern_weights_articulatory[];
+extern const unsigned char ern_weights_text_articulatory[];
 extern const size_t ern_weights_bytes_articulatory;
 
 /* Weights are [tap][input][output], so that the innermost loop is over outputs. Tap 2 is the row itself. */
@@ -133,7 +133,7 @@ ern_status ern_articulatory_make(ern_context *context, struct ern_articulatory *
   *articulatory = NULL;
   ERN_TRY(ERN_NEW(context, 1, &a));
   ERN_TRY(ERN_NEW(context, ern_weights_bytes_articulatory, &bytes));
-  memcpy(bytes, ern_weights_articulatory, ern_weights_bytes_articulatory);
+  memcpy(bytes, ern_weights_text_articulatory, ern_weights_bytes_articulatory);
   ERN_TRY(ern_safetensors_open(context, "articulatory.safetensors", bytes, ern_weights_bytes_articulatory, &file));
   ERN_TRY(take(context, &file, "input", TAPS * BANDS * CHANNELS, &a->input[0][0][0]));
   ERN_TRY(take(context, &file, "input_bias", CHANNELS, a->input_bias));

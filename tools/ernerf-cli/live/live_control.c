@@ -45,6 +45,13 @@ static void tell(struct live_control *control, const char *text) {
     (void)send(control->client, line, strlen(line), MSG_NOSIGNAL | MSG_DONTWAIT);
 }
 
+/* Writes a line that is no answer to the client, if there is one. */
+static void tell_client(struct live_control *control, const char *text) {
+  (void)pthread_mutex_lock(&control->mutex);
+  tell(control, text);
+  (void)pthread_mutex_unlock(&control->mutex);
+}
+
 /* Passes a line to the main thread and waits until it has answered; false: the program ends. */
 static bool exchange(struct live_control *control, const char *line) {
   (void)pthread_mutex_lock(&control->mutex);
@@ -81,9 +88,9 @@ static void read_lines(struct live_control *control, int descriptor) {
       if (too_long) {
         char refusal[64];
         snprintf(refusal, sizeof refusal, "error: the line is longer than %d bytes", LIVE_LINE - 2);
-        live_control_tell(control, refusal);
+        tell_client(control, refusal);
       } else if (has_zero) {
-        live_control_tell(control, "error: the line has a byte of 0");
+        tell_client(control, "error: the line has a byte of 0");
       } else if (line[0] != 0 && !exchange(control, line)) {
         return;
       }
@@ -173,6 +180,7 @@ int live_control_start(struct live_control *control, struct session *session) {
 }
 
 const char *live_control_line(struct live_control *control) {
+  if (control->front != NULL) return control->front->line(control->front->user);
   if (!control->running) return NULL;
   struct timespec until;
   (void)clock_gettime(CLOCK_REALTIME, &until);
@@ -189,6 +197,10 @@ const char *live_control_line(struct live_control *control) {
 }
 
 void live_control_answer(struct live_control *control, const char *text) {
+  if (control->front != NULL) {
+    control->front->answer(control->front->user, text);
+    return;
+  }
   (void)pthread_mutex_lock(&control->mutex);
   tell(control, text);
   control->answered = true;
@@ -196,10 +208,16 @@ void live_control_answer(struct live_control *control, const char *text) {
   (void)pthread_mutex_unlock(&control->mutex);
 }
 
-void live_control_tell(struct live_control *control, const char *text) {
-  (void)pthread_mutex_lock(&control->mutex);
-  tell(control, text);
-  (void)pthread_mutex_unlock(&control->mutex);
+bool live_control_hears(const struct live_control *control) { return control->path != NULL || control->front != NULL; }
+
+void live_control_event(struct live_control *control, const char *word, unsigned id, double seconds) {
+  char text[64];
+  if (control->front != NULL) {
+    control->front->event(control->front->user, word, id, seconds);
+    return;
+  }
+  snprintf(text, sizeof text, "%s %u", word, id);
+  tell_client(control, text);
 }
 
 void live_control_stop(struct live_control *control) {

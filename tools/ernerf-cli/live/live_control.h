@@ -11,7 +11,18 @@
 
 enum { LIVE_LINE = 4096 };
 
+/* Another source of lines than standard input or a socket. All is called on the drawing thread. */
+struct live_front {
+  const char *(*line)(void *user);               /* as live_control_line; called before each frame */
+  void (*answer)(void *user, const char *text);  /* as live_control_answer */
+  void (*trouble)(void *user, const char *text); /* why an utterance gave no sound, or not all of it */
+  /* word: "started", "ended" or "failed"; seconds: at which the frame is shown */
+  void (*event)(void *user, const char *word, unsigned id, double seconds);
+  void *user;
+};
+
 struct live_control {
+  const struct live_front *front; /* set by the verb; NULL: as `path` says */
   /* from the command line */
   const char *path; /* "-": standard input; path of a socket; NULL: none */
   /* made */
@@ -38,8 +49,10 @@ int live_control_start(struct live_control *control, struct session *session);
 const char *live_control_line(struct live_control *control);
 /* text: one line, without its newline. */
 void live_control_answer(struct live_control *control, const char *text);
-/* Writes a line that is no answer to the client, if there is one. */
-void live_control_tell(struct live_control *control, const char *text);
+/* Whether anybody may ask. */
+bool live_control_hears(const struct live_control *control);
+/* Tells the client, if there is one, what became of an utterance (struct live_front). */
+void live_control_event(struct live_control *control, const char *word, unsigned id, double seconds);
 void live_control_stop(struct live_control *control); /* in any state */
 
 #endif

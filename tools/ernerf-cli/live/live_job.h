@@ -68,6 +68,29 @@ struct live_job {
   double began;
 };
 
+/* Options of a live portrait, behind up to LIVE_OWN_OPTIONS of the verb's own in the first two tables. */
+enum {
+  LIVE_OWN_OPTIONS = 16,
+  LIVE_SOURCE_OPTIONS = 3,
+  LIVE_PICTURE_OPTIONS = 6,
+  LIVE_OUT_OPTIONS =
+      LIVE_PICTURE_OPTIONS + RATE_CONTROL_OPTIONS + PROVENANCE_OPTIONS + LABEL_OPTIONS + WATERMARK_OPTIONS
+};
+struct live_tables {
+  struct option in[LIVE_OWN_OPTIONS + LIVE_SOURCE_OPTIONS], out[LIVE_OWN_OPTIONS + LIVE_OUT_OPTIONS],
+      shared[PORTRAIT_OPTIONS], control[CONTROL_OPTIONS + SILENCE_POSE_OPTIONS],
+      common[SESSION_OUTPUT_OPTIONS + SESSION_COMPUTE_OPTIONS];
+};
+/* Sets defaults and args->groups. in, out: how many own options the first two tables begin with, which are there. */
+void live_tables_fill(struct live_tables *tables, struct live_job *job, size_t in, size_t out, struct args *args);
+/* Checks them. Returns -1, or EXIT_USAGE after a message. */
+int live_check(struct live_job *job, const struct args *args);
+
+/* Opens all but the session, and starts the threads of sound and output. Returns 0, or EXIT_FAILURE after a message;
+ * live_close in either case. */
+int live_open(struct live_job *job, const struct args *args);
+void live_close(struct live_job *job); /* in any state */
+
 /* Draws frames and passes them to the output until the sound ends, a signal or "quit" arrives, or the output fails.
  * Returns 0, or EXIT_FAILURE after a message. */
 int live_run(struct live_job *job);

@@ -19,6 +19,11 @@ static int asks_to_stop(void *user) {
   return is_over(output) || (!atomic_load(&output->running) && session_interrupted());
 }
 
+static int hand_over(void *user, const void *bytes, size_t count, ern_stream_piece piece) {
+  const struct live_output *output = user;
+  return output->write(output->write_user, bytes, count, piece);
+}
+
 /* ---- the writer's thread ----------------------------------------------------------------------------------------- */
 
 static ern_status open_stream(struct live_output *output) {
@@ -67,7 +72,7 @@ static ern_status serve(struct live_output *output) {
 
 /* The file that the output names; false: there is none. */
 static bool find_file(const struct live_output *output, struct stat *file) {
-  const char *path = ern_stream_file(output->url);
+  const char *path = output->write == NULL ? ern_stream_file(output->url) : NULL;
   return path != NULL && stat(path, file) == 0 && S_ISREG(file->st_mode);
 }
 
@@ -121,7 +126,7 @@ int live_output_open(struct live_output *output, struct session *session, struct
                      int sound_rate, int channels) {
   output->session = session;
   output->context = session->context;
-  output->serves_http = strncmp(output->url, "http://", 7) == 0;
+  output->serves_http = output->write == NULL && strncmp(output->url, "http://", 7) == 0;
   output->options = ern_stream_options_default(size.width, size.height);
   output->options.format = output->format;
   output->options.rate_numerator = rate.numerator;
@@ -134,6 +139,7 @@ int live_output_open(struct live_output *output, struct session *session, struct
   output->options.provenance = output->provenance;
   output->options.stop = asks_to_stop;
   output->options.user = output;
+  output->options.write = output->write != NULL ? hand_over : NULL;
   atomic_store(&output->stop_at, INFINITY);
   queue_make(&output->queue, LIVE_PICTURES);
   if (make_pictures(output, (size_t)((double)sound_rate / rate_value(rate)) + 2) != 0) return EXIT_FAILURE;
@@ -196,6 +202,15 @@ void live_output_free(struct live_output *output) {
   }
   if (output->session != NULL) queue_free(&output->queue);
   free(output->error);
+}
+
+double live_output_seconds(struct live_output *output) {
+  clockid_t clock;
+  struct timespec used;
+  if (!atomic_load(&output->running) || pthread_getcpuclockid(output->thread, &clock) != 0 ||
+      clock_gettime(clock, &used) != 0)
+    return 0;
+  return (double)used.tv_sec + 1e-9 * (double)used.tv_nsec;
 }
 
 double live_output_late(const struct live_output *output, double share) {

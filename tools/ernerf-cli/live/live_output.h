@@ -30,7 +30,10 @@ struct live_output {
   const char *preset;               /* of x264, set by the verb; NULL: the default */
   const ern_provenance *provenance; /* provenance written into the stream, set by the verb; NULL: none */
   double pixel_aspect;              /* of the frames, width of a pixel over its height, set by the verb; 0: 1 */
-  bool drops;                       /* when the queue is full, drop frames; else drawing waits */
+  int (*write)(void *user, const void *bytes, size_t count, ern_stream_piece piece); /* set by the verb: takes the
+                               stream (ern_stream_options), and `url` is a name for messages; NULL: `url` does */
+  void *write_user;
+  bool drops; /* when the queue is full, drop frames; else drawing waits */
   /* made */
   struct session *session;
   ern_context *context;
@@ -69,6 +72,8 @@ void live_output_close(struct live_output *output, bool soon);
 void live_output_fail(struct live_output *output);
 void live_output_free(struct live_output *output); /* in any state */
 
+/* Seconds of processor time that coding and writing have taken; 0 where that is not known. */
+double live_output_seconds(struct live_output *output);
 /* Quantile of the lateness: `share` of the frames were written at most so many milliseconds late. */
 double live_output_late(const struct live_output *output, double share);
 

@@ -143,6 +143,7 @@ static void apply_control(struct live_job *job) {
   if (job->frames == 0) return; /* where none comes, the error of the sound is why, and the last thing that is said */
   char *error = live_sound_take_error(&job->sound);
   if (error != NULL) session_warn(&job->session, "%s", error);
+  if (error != NULL && job->commands.front != NULL) job->commands.front->trouble(job->commands.front->user, error);
   free(error);
 }
 
@@ -150,12 +151,9 @@ static void apply_control(struct live_job *job) {
 static void tell_events(struct live_job *job, const ern_live_frame *frame) {
   static const char *const words[] = {[LIVE_STARTED] = "started", [LIVE_ENDED] = "ended", [LIVE_FAILED] = "failed"};
   unsigned id = 0;
-  char text[64];
   job->heard += frame->samples;
-  for (enum live_event event; (event = live_sound_event(&job->sound, job->heard, &id)) != LIVE_NONE;) {
-    snprintf(text, sizeof text, "%s %u", words[event], id);
-    live_control_tell(&job->commands, text);
-  }
+  for (enum live_event event; (event = live_sound_event(&job->sound, job->heard, &id)) != LIVE_NONE;)
+    live_control_event(&job->commands, words[event], id, frame->seconds);
 }
 
 /* Samples that the first frame needs, else it would get silence: its own duration or its look-ahead (ern_live_options).
@@ -176,7 +174,7 @@ int live_run(struct live_job *job) {
     apply_control(job);
     if (ern_live_pull(job->live, job->unpaced ? 0.1 : 0, &frame, &ended) != ERN_OK) return session_fail(&job->session);
     if (frame == NULL) continue;
-    if (job->commands.path != NULL) tell_events(job, frame);
+    if (live_control_hears(&job->commands)) tell_events(job, frame);
     if (job->most_delay > 0 && frame->waiting > job->most_delay + (job->look_ahead + 1) / (double)RATE_CLIP) {
       job->skipped++;
       continue;

@@ -1,24 +1,20 @@
 /* SPDX-License-Identifier: MIT */
 #include "live/live_sound.h"
 
-#include <errno.h>
-#include <spawn.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
-#include <sys/wait.h>
 #include <time.h>
 #include <unistd.h>
 
-enum { PIECE_MS = 20, TEXT_BYTES = 2048 };
-
-extern char **environ;
+enum { PIECE_MS = 20, TEXT_BYTES = 2048, FIRST_SOUND = 30 /* seconds that a program has to make it */ };
 
 static int asks_to_stop(void *user) {
   struct live_sound *sound = user;
   (void)pthread_mutex_lock(&sound->mutex);
-  const bool stop = sound->stop || sound->skip;
+  const bool late = sound->patience > 0 && session_seconds() > sound->patience;
+  const bool stop = sound->stop || sound->skip || late;
   (void)pthread_mutex_unlock(&sound->mutex);
   return stop ? 1 : 0;
 }
@@ -40,10 +36,14 @@ static ern_status no_sound(struct live_sound *sound, const char *url) {
   return ERN_E_MISSING;
 }
 
-static void remember_error(struct live_sound *sound) {
-  char text[TEXT_BYTES];
+/* name: of what messages call `url`; NULL: the same. */
+static void remember_error(struct live_sound *sound, const char *url, const char *name) {
+  char text[TEXT_BYTES], named[TEXT_BYTES];
+  const size_t bytes = strlen(url);
   (void)ern_last_error_copy(sound->context, text, sizeof text);
-  remember(sound, text);
+  const bool names = name != NULL && strncmp(text, url, bytes) == 0;
+  snprintf(named, sizeof named, "%.1000s%.1000s", names ? name : "", names ? text + bytes : text);
+  remember(sound, named);
 }
 
 /* Pushes a block of sound. After a cancel, an input of the command line continues; an utterance ends. */
@@ -77,6 +77,7 @@ static void end_mark(struct live_sound *sound, unsigned id) {
     add_mark(sound, (struct live_mark){.id = id, .failed = true});
   else if (mark->end == UINT64_MAX)
     mark->end = ern_live_samples(sound->live);
+  sound->current = 0;
   (void)pthread_mutex_unlock(&sound->mutex);
 }
 
@@ -92,12 +93,14 @@ static void cut_marks(struct live_sound *sound, uint64_t at) {
   sound->mark_count = kept;
 }
 
-/* Pushes the whole sound of an input; `utterance`: its ID, 0: the input of the command line. */
-static ern_status play(struct live_sound *sound, const char *url, unsigned utterance) {
+/* Pushes the whole sound of `url`; where it is a pipe, as `pipe` says (else NULL). utterance: its ID, 0: the input of
+ * the command line. */
+static ern_status play(struct live_sound *sound, const char *url, unsigned utterance, const struct live_pipe *pipe) {
   const bool own = utterance == 0;
   const size_t piece = (size_t)sound->rate * PIECE_MS / 1000;
   ern_sound_reader_options options = ern_sound_reader_options_default();
   ern_sound_reader *reader = NULL;
+  const char *name = pipe != NULL ? pipe->name : NULL;
   bool begun = false;
   float *samples = malloc(piece * (size_t)sound->channels * sizeof *samples);
   options.rate = sound->rate;
@@ -105,6 +108,11 @@ static ern_status play(struct live_sound *sound, const char *url, unsigned utter
   if (own) options.format = sound->format;
   if (own && sound->format_rate > 0) options.format_rate = sound->format_rate;
   if (own && sound->format_channels > 0) options.format_channels = sound->format_channels;
+  if (pipe != NULL && pipe->format != NULL) {
+    options.format = pipe->format;
+    options.format_rate = pipe->rate;
+    options.format_channels = pipe->channels;
+  }
   options.stop = asks_to_stop;
   options.user = sound;
   ern_status status = samples != NULL ? ern_sound_reader_open(sound->context, url, &options, &reader) : ERN_E_NO_MEMORY;
@@ -112,55 +120,36 @@ static ern_status play(struct live_sound *sound, const char *url, unsigned utter
     status = ern_sound_reader_read(reader, samples, piece, &frames);
     if (status == ERN_OK && frames > 0 && !own && !begun) begin_mark(sound, utterance);
     begun |= frames > 0;
+    sound->patience = 0;
     if (status == ERN_OK && frames > 0) status = push(sound, samples, frames, own);
     atomic_fetch_add(&sound->samples_pushed, status == ERN_OK ? frames : 0);
   }
   ern_sound_reader_free(&reader);
   free(samples);
-  if (status != ERN_OK && status != ERN_E_CANCELLED) remember_error(sound);
-  return status == ERN_OK && !begun ? no_sound(sound, url) : status;
+  if (status != ERN_OK && status != ERN_E_CANCELLED) remember_error(sound, url, name);
+  return status == ERN_OK && !begun ? no_sound(sound, name != NULL ? name : url) : status;
 }
 
-/* Lets espeak-ng synthesise a sound file from a text, and plays it. */
 static void speak(struct live_sound *sound, const char *text, unsigned id) {
-  char program[] = "espeak-ng", voice_option[] = "-v", file_option[] = "-w", end[] = "--";
-  const char *folder = getenv("TMPDIR");
-  char path[4096];
-  if (snprintf(path, sizeof path,
-               "%s/ernerf-say-"
-               "XX"
-               "XX"
-               "XX",
-               folder != NULL ? folder : "/tmp") >= (int)sizeof path) {
-    remember(sound, "TMPDIR: the name of the folder is too long");
-    return;
+  char reason[LIVE_TTS_REASON] = "";
+  ern_status status = ERN_E_IO;
+  const bool begun = live_tts_begin(&sound->tts, text, reason);
+  if (begun) {
+    sound->patience = session_seconds() + FIRST_SOUND;
+    status = play(sound, sound->tts.url, id, &(struct live_pipe){.name = sound->tts.program});
   }
-  const int file = mkstemp(path);
-  if (file < 0) {
-    char reason[TEXT_BYTES];
-    snprintf(reason, sizeof reason, "%.1500s: cannot make a file for the sound of a text (TMPDIR names its folder): %s",
-             path, strerror(errno));
-    remember(sound, reason);
-    return;
-  }
-  char *voice = strdup(sound->voice), *words = strdup(text);
-  pid_t child = -1;
-  int state = -1, error = 0;
-  if (voice != NULL && words != NULL) {
-    char *const arguments[] = {program, voice_option, voice, file_option, path, end, words, NULL};
-    error = posix_spawnp(&child, program, NULL, NULL, arguments, environ);
-    if (error != 0 || waitpid(child, &state, 0) != child) state = -1;
-  }
-  if (state == 0)
-    (void)play(sound, path, id);
-  else if (error == ENOENT)
-    remember(sound, "espeak-ng, which makes sound of a text, is not installed (apt install espeak-ng)");
-  else
-    remember(sound, "espeak-ng made no sound of the text; `espeak-ng --voices` lists what --voice may be");
-  (void)close(file);
-  (void)unlink(path);
-  free(voice);
-  free(words);
+  const bool late = sound->patience > 0 && session_seconds() > sound->patience;
+  sound->patience = 0;
+  const bool ended = live_tts_end(&sound->tts, status == ERN_OK, reason);
+  if (late)
+    snprintf(reason, sizeof reason, "%.1500s: made no sound of the text in %d s, and was ended",
+             sound->tts.program != NULL ? sound->tts.program : "espeak-ng", FIRST_SOUND);
+  if (late || !begun || (!ended && status != ERN_E_CANCELLED)) remember(sound, reason);
+}
+
+static void free_utterance(struct live_utterance *utterance) {
+  free(utterance->text);
+  if (utterance->pipe.descriptor > 0) (void)close(utterance->pipe.descriptor);
 }
 
 /* Waits for the next utterance of the queue, whose text the caller frees. Text NULL: the program ends. */
@@ -173,32 +162,33 @@ static struct live_utterance await_utterance(struct live_sound *sound) {
     next = sound->utterance[0];
     memmove(sound->utterance, sound->utterance + 1, --sound->utterance_count * sizeof *sound->utterance);
   }
+  sound->current = next.id;
   (void)pthread_mutex_unlock(&sound->mutex);
   return next;
 }
 
 static void end(struct live_sound *sound) {
-  if (ern_live_end(sound->live) != ERN_OK) remember_error(sound);
+  if (ern_live_end(sound->live) != ERN_OK) remember_error(sound, "", NULL);
 }
 
 static void *read_sound(void *user) {
   struct live_sound *sound = user;
   if (sound->url != NULL) {
-    const ern_status status = play(sound, sound->url, 0);
+    const ern_status status = play(sound, sound->url, 0, NULL);
     if (status != ERN_OK && status != ERN_E_CANCELLED) atomic_store(&sound->failed, true);
     if (!sound->keeps_running)
       end(sound); /* before `input_ended` is set: after that, a frame without sound gets silence */
     atomic_store(&sound->input_ended, true);
   }
   while (sound->keeps_running) {
-    const struct live_utterance next = await_utterance(sound);
+    struct live_utterance next = await_utterance(sound);
     if (next.text == NULL) break;
     if (next.speaks)
       speak(sound, next.text, next.id);
     else
-      (void)play(sound, next.text, next.id);
+      (void)play(sound, next.text, next.id, next.pipe.descriptor > 0 ? &next.pipe : NULL);
     end_mark(sound, next.id);
-    free(next.text);
+    free_utterance(&next);
   }
   end(sound);
   return NULL;
@@ -230,8 +220,7 @@ void live_sound_await(const struct live_sound *sound, unsigned long long samples
     (void)nanosleep(&pause, NULL);
 }
 
-unsigned live_sound_say(struct live_sound *sound, bool speaks, const char *text) {
-  struct live_utterance next = {.speaks = speaks, .text = strdup(text)};
+static unsigned enqueue(struct live_sound *sound, struct live_utterance next) {
   (void)pthread_mutex_lock(&sound->mutex);
   if (next.text != NULL && sound->utterance_count < LIVE_UTTERANCES) {
     next.id = ++sound->last_id;
@@ -239,8 +228,18 @@ unsigned live_sound_say(struct live_sound *sound, bool speaks, const char *text)
   }
   (void)pthread_cond_broadcast(&sound->moved);
   (void)pthread_mutex_unlock(&sound->mutex);
-  if (next.id == 0) free(next.text);
+  if (next.id == 0) free_utterance(&next);
   return next.id;
+}
+
+unsigned live_sound_say(struct live_sound *sound, bool speaks, const char *text) {
+  return enqueue(sound, (struct live_utterance){.speaks = speaks, .text = strdup(text)});
+}
+
+unsigned live_sound_pipe(struct live_sound *sound, const struct live_pipe *pipe) {
+  char name[32];
+  snprintf(name, sizeof name, "/dev/fd/%d", pipe->descriptor);
+  return enqueue(sound, (struct live_utterance){.text = strdup(name), .pipe = *pipe});
 }
 
 enum live_event live_sound_event(struct live_sound *sound, uint64_t heard, unsigned *id) {
@@ -276,17 +275,32 @@ unsigned live_sound_speaking(struct live_sound *sound, size_t *waiting) {
 }
 
 static void clear_utterances(struct live_sound *sound) {
-  for (size_t i = 0; i < sound->utterance_count; i++) free(sound->utterance[i].text);
+  for (size_t i = 0; i < sound->utterance_count; i++) free_utterance(&sound->utterance[i]);
   sound->utterance_count = 0;
+}
+
+/* Tells of all utterances that are not heard to their end, and forgets their marks. */
+static void drop_all(struct live_sound *sound) {
+  bool marked = false;
+  if (sound->dropped == NULL) return;
+  for (size_t i = 0; i < sound->mark_count; i++) {
+    if (!sound->mark[i].failed) sound->dropped(sound->dropped_user, sound->mark[i].id);
+    marked |= sound->mark[i].id == sound->current;
+  }
+  sound->mark_count = 0;
+  if (sound->current > 0 && !marked) sound->dropped(sound->dropped_user, sound->current);
+  for (size_t i = 0; i < sound->utterance_count; i++) sound->dropped(sound->dropped_user, sound->utterance[i].id);
+  sound->current = 0;
 }
 
 void live_sound_cancel(struct live_sound *sound) {
   (void)pthread_mutex_lock(&sound->mutex);
+  drop_all(sound);
   clear_utterances(sound);
   sound->skip = sound->url == NULL || atomic_load(&sound->input_ended); /* an input of the command line continues */
   (void)pthread_cond_broadcast(&sound->moved);
   (void)pthread_mutex_unlock(&sound->mutex);
-  if (ern_live_cancel(sound->live) != ERN_OK) remember_error(sound);
+  if (ern_live_cancel(sound->live) != ERN_OK) remember_error(sound, "", NULL);
   (void)pthread_mutex_lock(&sound->mutex);
   cut_marks(sound, ern_live_samples(sound->live));
   (void)pthread_mutex_unlock(&sound->mutex);

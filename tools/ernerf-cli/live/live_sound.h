@@ -8,15 +8,22 @@
 
 #include "ernerf/live.h"
 #include "ernerf/stream.h"
+#include "live/live_tts.h"
 #include "session/session.h"
 
 enum { LIVE_UTTERANCES = 32 };
 
-/* A file to play or a text to say. */
+/* A file to play, a text to say, or sound that comes through a pipe. */
 struct live_utterance {
   unsigned id; /* 1 and up */
   bool speaks; /* a text */
   char *text;  /* or the path of the file; NULL: none */
+  struct live_pipe {
+    const char *name;   /* of it for messages, a constant; NULL: as it is opened */
+    int descriptor;     /* that is read and then closed; 0: none */
+    const char *format; /* a constant, FFmpeg's name; NULL: detected */
+    int rate, channels; /* where the format has no header */
+  } pipe;
 };
 
 /* An utterance that was pushed, or is being pushed: its place in the sound of the frames, in samples. */
@@ -33,8 +40,8 @@ struct live_sound {
   /* from the command line */
   const char *url, *format; /* url NULL: no input; format NULL: detected */
   int format_rate, format_channels;
-  const char *voice;  /* a voice of espeak-ng */
-  bool keeps_running; /* the stream continues with silence after the input has ended */
+  struct live_tts tts; /* sound of texts */
+  bool keeps_running;  /* the stream continues with silence after the input has ended */
   /* made */
   struct session *session;
   ern_context *context;
@@ -43,8 +50,13 @@ struct live_sound {
   pthread_t thread;
   pthread_mutex_t mutex;
   pthread_cond_t moved;
+  void (*dropped)(void *user, unsigned id); /* set by the verb: told of each utterance that a cancel ends, the oldest
+                                               first, with the mutex held, instead of an event; NULL: none is told */
+  void *dropped_user;
   bool running, made;
-  bool stop, skip;                                  /* end the program; end the current item. Guarded by the mutex */
+  unsigned current; /* the ID of the utterance that is being read, 0: none. Guarded by the mutex */
+  double patience;  /* by session_seconds: when a program has taken too long to make its first sound; 0: never */
+  bool stop, skip;  /* end the program; end the current item. Guarded by the mutex */
   struct live_utterance utterance[LIVE_UTTERANCES]; /* those that wait, the oldest first */
   size_t utterance_count;
   unsigned last_id;
@@ -64,6 +76,8 @@ int live_sound_start(struct live_sound *sound, struct session *session, ern_live
 void live_sound_await(const struct live_sound *sound, unsigned long long samples);
 /* Appends a file, or a text (speaks), to the queue; its ID, 0 if the queue is full. */
 unsigned live_sound_say(struct live_sound *sound, bool speaks, const char *text);
+/* The same for sound from a pipe, which it closes, also where the queue is full. */
+unsigned live_sound_pipe(struct live_sound *sound, const struct live_pipe *pipe);
 /* Cancels the current utterance and clears the queue; an input of the command line continues. */
 void live_sound_cancel(struct live_sound *sound);
 /* What the frames, which have `heard` samples so far, have reached since the last call; *id: of which utterance. */

@@ -94,7 +94,9 @@ static void take_view(struct portrait *portrait, struct session *session, const 
 }
 
 static int open_model(struct portrait *portrait, struct session *session, const struct args *args) {
-  if (ern_model_load(&portrait->model, session->context, portrait->model_path) != ERN_OK) return session_fail(session);
+  portrait->model = portrait->lent;
+  if (portrait->model == NULL && ern_model_load(&portrait->model, session->context, portrait->model_path) != ERN_OK)
+    return session_fail(session);
   ern_model_describe(portrait->model, &portrait->info);
   take_view(portrait, session, args);
   if (portrait->info.dub && !portrait->dubs)
@@ -231,7 +233,7 @@ void portrait_close(struct portrait *portrait) {
   ern_renderer_free(&portrait->renderer);
   ern_clip_free(&portrait->clip);
   speech_model_close(&portrait->source.speech_model);
-  ern_model_free(&portrait->model);
+  if (portrait->lent == NULL) ern_model_free(&portrait->model);
 }
 
 const float *portrait_refined(const struct portrait *portrait, const struct frame_source *frame_source, size_t k,

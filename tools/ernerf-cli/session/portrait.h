@@ -28,6 +28,7 @@ struct portrait {
   struct range frames;
   struct clip_source source; /* source.path NULL: no clip */
   bool force;
+  ern_model *lent;   /* set by the verb: is the model, and outlives the portrait; NULL: it is loaded */
   bool dubs;         /* set by the verb: a head that was trained for dubbing is what it wants */
   bool other_speech; /* set by the verb: other sound than the clip's drives the model; the clip only serves to learn
                         silence */

@@ -135,6 +135,16 @@ static int read_front(struct rate_control *g, struct dimensions size, bool *foun
   return status;
 }
 
+static void take_like(struct rate_control *g) {
+  memcpy(g->rung, g->like->rung, sizeof g->rung);
+  g->count = g->like->count;
+  memcpy(g->source, g->like->source, sizeof g->source);
+  for (size_t i = 0; i < RATE_CONTROL_RUNGS; i++) {
+    g->rung[i].renderer = NULL;
+    g->rung[i].frames = 0;
+  }
+}
+
 /* ---- choosing ---------------------------------------------------------------------------------------------------- */
 
 /* Keeps only the rung that --quality names. */
@@ -184,14 +194,16 @@ int rate_control_open(struct rate_control *g, struct session *session, const str
   g->portrait = portrait;
   g->frame_source = frame_source;
   g->features = features;
-  if (g->front != NULL) snprintf(g->source, sizeof g->source, "%s", g->front);
-  if (g->front != NULL || (!measures && own_front(g, g->source))) status = read_front(g, size, &found);
+  if (g->like != NULL) take_like(g);
+  found = g->like != NULL;
+  if (!found && g->front != NULL) snprintf(g->source, sizeof g->source, "%s", g->front);
+  if (!found && (g->front != NULL || (!measures && own_front(g, g->source)))) status = read_front(g, size, &found);
   if (status == 0 && !found) {
     g->source[0] = 0;
     status = rate_control_calibrate(g, size, draw, user);
   }
   if (status != 0) return status;
-  if (g->quality >= 0) keep_quality(g);
+  if (g->quality >= 0 && g->like == NULL) keep_quality(g);
   for (size_t i = 0; i < g->count; i++) g->cost[i] = g->rung[i].ms;
   ern_rate_controller_begin(&g->controller, g->cost, g->count, budget_of(g));
   if (!ern_rate_controller_holds(&g->controller) && !g->warns_if_unreachable) return refuse_budget(g);
@@ -214,6 +226,11 @@ ern_renderer *rate_control_renderer(struct rate_control *g) {
   struct rung *rung = &g->rung[g->controller.at];
   rung->frames++;
   return rung_make(g, rung) == 0 ? rung->renderer : NULL;
+}
+
+double rate_control_least(const struct rate_control *g, int cores) {
+  const struct rung *last = &g->rung[g->count - 1];
+  return last->ms * (last->settings.threads > 0 ? last->settings.threads : cores);
 }
 
 const char *rate_control_name(const struct rate_control *g) { return g->rung[g->controller.at].name; }

@@ -26,6 +26,8 @@ void rate_control_close(struct rate_control *rate_control);
 
 /* The renderer for the next frame. */
 ern_renderer *rate_control_renderer(struct rate_control *rate_control);
+/* Milliseconds of processor time that a frame takes at least, with the fastest settings, on a machine of `cores`. */
+double rate_control_least(const struct rate_control *rate_control, int cores);
 /* The name of that renderer's setting. */
 const char *rate_control_name(const struct rate_control *rate_control);
 /* Reports the total time of a frame, milliseconds. */

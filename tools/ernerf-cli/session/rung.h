@@ -21,11 +21,13 @@ struct rung {
 
 struct rate_control {
   /* from the command line */
-  float hold_fps;            /* 0: not asked for */
-  int quality;               /* -1: not asked for; exact, balanced, draft */
-  const char *front;         /* NULL: that stored beside MODEL, if any */
-  bool warns_if_unreachable; /* set by the verb: a budget that no setting holds causes only a warning */
-  bool no_stored_front;      /* set by the verb: its frames take other times than those of a stored front */
+  float hold_fps;                  /* 0: not asked for */
+  int quality;                     /* -1: not asked for; exact, balanced, draft */
+  const char *front;               /* NULL: that stored beside MODEL, if any */
+  bool warns_if_unreachable;       /* set by the verb: a budget that no setting holds causes only a warning */
+  const struct rate_control *like; /* set by the verb: the settings and times of this one are taken, which was opened
+                                      for the same portrait and size; NULL: they are found */
+  bool no_stored_front;            /* set by the verb: its frames take other times than those of a stored front */
   /* made */
   struct session *session;
   const struct portrait *portrait;

@@ -108,7 +108,8 @@ int session_stop_with(struct session *session, const char *format, ...) {
 int session_exit_status(int status) { return status == EXIT_FAILURE && stopped_by > 0 ? 128 + stopped_by : status; }
 
 int session_fail(struct session *session) {
-  const char *text = ern_last_error(session->context);
+  char text[SESSION_HELD];
+  (void)ern_last_error_copy(session->context, text, sizeof text);
   return session_fail_with(session, "%s", text[0] != 0 ? text : "failed and gave no reason");
 }
 

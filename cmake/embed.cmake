@@ -1,0 +1,13 @@
+# Writes files as C arrays, PREFIX_text_a of a.cl: cmake -DNAMES="a.cl;b.cl" -DFOLDER=... -DPREFIX=ern_cl -DOUTPUT=... -P embed.cmake
+set(text "#include <stddef.h>\n")
+foreach(file IN LISTS NAMES)
+  get_filename_component(name ${file} NAME_WE)
+  file(READ ${FOLDER}/${file} bytes HEX)
+  string(LENGTH "${bytes}" length)
+  math(EXPR length "${length} / 2")
+  string(REGEX REPLACE "([0-9a-f][0-9a-f])" "0x\\1," bytes "${bytes}")
+  string(APPEND text "extern const unsigned char ${PREFIX}_text_${name}[];\nextern const size_t ${PREFIX}_bytes_${name};\n")
+  string(APPEND text "const unsigned char ${PREFIX}_text_${name}[] = {${bytes}0};\n")
+  string(APPEND text "const size_t ${PREFIX}_bytes_${name} = ${length};\n")
+endforeach()
+file(WRITE ${OUTPUT} "${text}")
