@@ -60,11 +60,14 @@ static void test_exchanged(void **state) {
   ern_context_free(&context);
 }
 
+static void ignore(void *user, int ok, const char *sentence) { (void)user, (void)ok, (void)sentence; }
+
 static void expect_motion_refused(ern_context *context, const char *change, ern_status status, const char *said) {
   ern_clip *clip = NULL;
   assert_int_equal(system(change), 0);
   support_expect(context, ern_clip_open(context, "made", NULL, &clip), status, "made/torso.csv", said, NULL);
   assert_null(clip);
+  support_expect(context, ern_clip_check(context, "made", ignore, NULL), status, "made/torso.csv", said, NULL);
 }
 
 static void test_motion(void **state) {
