@@ -115,6 +115,7 @@ typedef struct ern_model_info {
   char consent[ERN_CONSENT_BYTES]; /* what the person has agreed to (ern_train_config.consent); "": it does not say */
   bool dub;                        /* a head that was trained for ern_dub_frame (ERN_RAY_SAMPLING_DUB): it is exact in
                                       the lower face alone */
+  bool has_torso_motion;           /* the torso was trained with the body's motion (ern_frame_input.torso_motion) */
 } ern_model_info;
 
 /* What the model is. */

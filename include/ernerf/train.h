@@ -30,6 +30,7 @@ typedef struct ern_dataset_frame {
   ern_box lips;   /* likewise, of the mouth's landmarks: where every second step of the fine stage has its patches */
   ern_box eyes;   /* likewise, of both eyes with their lids; used where the dataset has eye values */
   ern_box dubbed; /* what ern_dub_frame may draw of the head, likewise */
+  float torso_motion[6]; /* of the body, as of ern_frame_input; used where ern_dataset.has_torso_motion is true */
 } ern_dataset_frame;
 
 /* Which pixels of a frame the rays of a step go through. A torso's are uniform in any case. */
@@ -89,6 +90,7 @@ typedef struct ern_dataset {
                          over all windows */
   const char *fingerprint; /* of the files of its frames: 64 bytes at most, another text where files were exchanged. A
                               resume warns of another one than the state's. "" or NULL: it is not known */
+  bool has_torso_motion;   /* frames have the motion of the body: a torso is trained with it */
 } ern_dataset;
 
 /* ---- trainer ----------------------------------------------------------------------------------------------------- */
@@ -255,6 +257,9 @@ typedef struct ern_train_config {
                                   coarse step has a random colour behind the head, and outside of the head the pixel is
                                   trained to that colour, so that the head's opacity is learnt; false: the clip's
                                   background, as published */
+  bool torso_motion; /* true (default): where the dataset has the motion of the body, a torso is trained with it; false:
+                        without, as published. A torso that goes on (`resume`, or `from` a file with a torso) is trained
+                        as it began */
 } ern_train_config;
 
 /* Description number `index` of the members of ern_train_config after `size`, in their order; NULL past the last. Any

@@ -475,7 +475,8 @@ class Renderer(_Object):
                                                 _integer(index, "index", ctypes.c_int64), self._info.audio_pad)
         return windows
 
-    def frame(self, view, matrix, windows, outputs="rgb", *, background=None, torso=None, eye=0.0, individual=None):
+    def frame(self, view, matrix, windows, outputs="rgb", *, background=None, torso=None, eye=0.0, individual=None,
+              torso_motion=None):
         """Draws a frame.
 
         view: a View, such as that of Poses or of a Clip, or anything with its members.
@@ -484,7 +485,8 @@ class Renderer(_Object):
         outputs: members of struct ern_frame_output: a name gives an array, a list of names a list of arrays. "rgb" is
             float32 [height, width, 3] in 0..1, "rgba" uint8 [height, width, 4], the others float32 [height, width].
         background, torso: uint8 [height, width, 3] and [height, width, 4], or None; eye: 0 open .. 1 closed;
-            individual: a row of the individual codes, None: their mean (struct ern_frame_input).
+            individual: a row of the individual codes, None: their mean; torso_motion: that of a frame of the clip,
+            None: predicted (struct ern_frame_input).
         """
         one = isinstance(outputs, str)
         height, width = _integer(view.height, "height", ctypes.c_int), _integer(view.width, "width", ctypes.c_int)
@@ -501,6 +503,9 @@ class Renderer(_Object):
         if torso is not None:
             torso = _array(torso, "torso", np.uint8, height, width, 4)
             given.torso = _pointer(torso)
+        if torso_motion is not None:
+            torso_motion = _array(torso_motion, "torso_motion", np.float32, 6)
+            given.torso_motion = _pointer(torso_motion)
         camera = given.camera
         for name in View._fields:
             _set(camera, name, getattr(view, name), "view")
@@ -543,13 +548,16 @@ class Clip(_Object):
         return np.asarray(_Memory(self, image.data, (image.height, image.width, image.channels)))
 
     def frame(self, split, index):
-        """img_id, aud_id, matrix (float32 [4, 4]), eye, landmarks (float32 [68, 2] or None) of a frame."""
+        """img_id, aud_id, matrix (float32 [4, 4]), eye, landmarks (float32 [68, 2] or None), torso_motion (float32 [6] or
+        None) of a frame."""
         frame = self._media.ern_clip_frame_at(self._handle, Split(split), _integer(index, "index"))
         if not frame:
             raise IndexError(f"frame {index} of {self.info.frames[split]}")
         frame = frame.contents
         landmarks = np.array(frame.landmarks, np.float32) if frame.has_landmarks else None
+        motion = np.array(frame.torso_motion, np.float32) if self.info.has_torso_motion else None
         return SimpleNamespace(img_id=frame.pose.img_id, aud_id=frame.pose.aud_id, eye=frame.eye, landmarks=landmarks,
+                               torso_motion=motion,
                                matrix=np.array(frame.pose.matrix, np.float32).reshape(4, 4))
 
     def pixels(self, split, index):

@@ -132,7 +132,7 @@ class ModelInfo(Structure):
                 ("torso_shrink", c_float), ("scale", c_float), ("audio_pad", ENUM), ("cameras", c_size_t),
                 ("head_steps", c_uint64), ("torso_steps", c_uint64), ("clip", c_char * 65), ("parameters", c_size_t),
                 ("parameter_bytes", c_size_t), ("speech", c_char * 64), ("speech_network", c_char * 512),
-                ("consent", c_char * 1024), ("dub", c_bool)]
+                ("consent", c_char * 1024), ("dub", c_bool), ("has_torso_motion", c_bool)]
 
 
 class TensorInfo(Structure):
@@ -160,7 +160,7 @@ class FrameInput(Structure):
     _fields_ = [("camera", Camera), ("head_pose", POINTER(c_float)), ("windows", POINTER(c_float)),
                 ("window_length", c_int), ("eye", c_float), ("individual", c_size_t), ("background", POINTER(c_uint8)),
                 ("torso", POINTER(c_uint8)), ("silence_code", POINTER(c_float)), ("silence_weight", c_float),
-                ("wanted", POINTER(c_uint8))]
+                ("wanted", POINTER(c_uint8)), ("torso_motion", POINTER(c_float))]
 
 
 class FrameOutput(Structure):
@@ -176,7 +176,7 @@ class Dataset(Structure):  # filled by ern_clip_dataset_sized and handed on; not
                 ("features", POINTER(Features)), ("background", POINTER(c_uint8)), ("frame", c_void_p),
                 ("pixels", c_void_p), ("identity", c_char_p), ("copies", POINTER(Features)), ("copy_count", c_size_t),
                 ("copy_share", c_float), ("speech", c_char_p), ("speech_network", c_char_p), ("head", c_void_p),
-                ("speech_noise", c_float), ("fingerprint", c_char_p)]
+                ("speech_noise", c_float), ("fingerprint", c_char_p), ("has_torso_motion", c_bool)]
 
 
 class Setting(Structure):
@@ -219,11 +219,13 @@ class ClipInfo(Structure):
     _fields_ = [("width", c_int), ("height", c_int), ("focal", c_double), ("cx", c_double), ("cy", c_double),
                 ("frames", c_size_t * 2), ("features_file", c_char_p), ("has_blink", c_bool), ("has_torso", c_bool),
                 ("has_sound", c_bool), ("has_landmarks", c_bool), ("identity", c_char * 65), ("speech", c_char_p),
-                ("hears_sound", c_bool), ("speech_network", c_char_p), ("has_parsing", c_bool)]
+                ("hears_sound", c_bool), ("speech_network", c_char_p), ("has_parsing", c_bool),
+                ("has_torso_motion", c_bool)]
 
 
 class ClipFrame(Structure):
-    _fields_ = [("pose", Pose), ("eye", c_float), ("has_landmarks", c_bool), ("landmarks", c_float * 2 * 68)]
+    _fields_ = [("pose", Pose), ("eye", c_float), ("has_landmarks", c_bool), ("landmarks", c_float * 2 * 68),
+                ("torso_motion", c_float * 6)]
 
 
 class DubInput(Structure):

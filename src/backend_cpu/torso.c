@@ -23,6 +23,10 @@ ern_status ERN_REF(ern_cpu_torso_select)(struct ern_stream *stream, struct ern_t
                                               a->threshold, a->width, a->height, a->n);
   return ERN_OK;
 }
+ern_status ERN_REF(ern_cpu_torso_move)(struct ern_stream *stream, struct ern_torso_move_args *a) {
+  kernels_of(stream)->torso_move(reals(a->moved.span), reals(a->q.span), a->motion, a->moved.stride, a->n);
+  return ERN_OK;
+}
 ern_status ERN_REF(ern_cpu_torso_deform_fwd)(struct ern_stream *stream, struct ern_torso_deform_fwd_args *a) {
   kernels_of(stream)->torso_deform_fwd(reals(a->x.span), reals(a->q.span), reals(a->d.span), a->x.stride, a->n);
   return ERN_OK;

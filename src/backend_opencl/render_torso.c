@@ -27,8 +27,9 @@ struct torso_frame { /* as in render_torso.cl */
   int32_t width, height;
   float threshold, shrink;
   uint32_t across, patches;
+  float motion[ERN_TORSO_MOTION];
 };
-static_assert(sizeof(struct torso_frame) == 24, "as in render_torso.cl");
+static_assert(sizeof(struct torso_frame) == 48, "as in render_torso.cl");
 
 struct torso_level { /* as in render_torso.cl */
   float scale;
@@ -246,7 +247,9 @@ fail:
 static struct torso_frame frame_of(const struct ern_cl_device *device, const struct ern_render_torso_args *a) {
   const uint32_t wide = (uint32_t)device->width, high = device->width > 1 ? PATCH : 1;
   const uint32_t across = ((uint32_t)a->width + wide - 1) / wide, down = ((uint32_t)a->height + high - 1) / high;
-  return (struct torso_frame){a->width, a->height, a->threshold, a->shrink, across, across * down};
+  struct torso_frame frame = {a->width, a->height, a->threshold, a->shrink, across, across * down, {0}};
+  memcpy(frame.motion, a->motion, sizeof frame.motion);
+  return frame;
 }
 
 ern_status ern_cl_torso_render(struct ern_stream *stream, struct ern_cl_torso *p,

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * Slots of the torso: pose encoding, coordinates, selection of pixels, deformation, compositing, 2D occupancy. */
 #include <math.h>
+#include <string.h>
 
 #include "backend_opencl/opencl.h"
 #include "core/memory.h"
@@ -113,6 +114,21 @@ fail:
 }
 
 /* ---- deformation ------------------------------------------------------------------------------------------------- */
+
+/* The kernel's struct motion. */
+struct motion {
+  cl_float m[ERN_TORSO_MOTION];
+};
+
+ern_status ern_cl_torso_move(struct ern_stream *stream, struct ern_torso_move_args *a) {
+  struct motion motion;
+  memcpy(motion.m, a->motion, sizeof motion.m);
+  struct ern_cl_call call = begin(stream, "torso_move");
+  ERN_CL_ARGS(&call, a->moved, a->q);
+  ern_cl_value(&call, &motion, sizeof motion);
+  ERN_CL_ARGS(&call, a->n);
+  return ern_cl_each(&call, a->n);
+}
 
 ern_status ern_cl_torso_deform_fwd(struct ern_stream *stream, struct ern_torso_deform_fwd_args *a) {
   struct ern_cl_call call = begin(stream, "torso_deform_fwd");

@@ -49,6 +49,7 @@
   OP(X, torso_pose_bwd, SLOT, REF)      \
   OP(X, torso_coords, SLOT, REF)        \
   OP(X, torso_select, SLOT, REF)        \
+  OP(X, torso_move, SLOT, REF)          \
   OP(X, torso_deform_fwd, SLOT, REF)    \
   OP(X, torso_deform_bwd, SLOT, REF)    \
   OP(X, torso_composite_fwd, SLOT, REF) \

@@ -63,7 +63,8 @@ static void describe(const ern_model *model, ern_model_info *info) {
                            .cameras = model->cameras,
                            .head_steps = model->head_steps,
                            .torso_steps = model->torso_steps,
-                           .dub = model->dub};
+                           .dub = model->dub,
+                           .has_torso_motion = model->has_motion};
   memcpy(info->clip, model->clip, sizeof info->clip);
   memcpy(info->speech, model->speech, sizeof info->speech);
   memcpy(info->speech_network, model->speech_network, sizeof info->speech_network);
@@ -170,6 +171,8 @@ void ern_model_tensors(const ern_model *model, struct ern_model_tensors *out) {
   if (field->config.torso) {
     add_offsets(out, ERN_PLANES, "torso_encoder", &field->torso_grid);
     add_tensor(out, "density_grid_torso", ERN_F32, 1, ERN_TORSO_CELLS, 0, 0, model->torso_grid);
+    if (model->has_motion)
+      add_tensor(out, "torso_motion_unseen", ERN_F32, 2, ERN_POSE_REGRESSION_ROWS, ERN_POSE_NUMBERS, 0, &model->motion);
   }
   if (model->cameras > 0) {
     add_tensor(out, "camera_dR", ERN_F32, 2, model->cameras, 3, 0, model->camera);

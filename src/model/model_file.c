@@ -310,9 +310,9 @@ static bool is_offsets(const struct ern_field *field, const char *name) {
 
 /* Names that a file may hold beside the parameters. The public program keeps an eye branch that it does not use. */
 static bool is_extra(const ern_model *model, const char *name) {
-  static const char *const known[] = {"aabb_train",       "aabb_infer",         "density_grid",
-                                      "density_bitfield", "density_grid_torso", "step_counter",
-                                      "camera_dR",        "camera_dT",          "camera_unseen"};
+  static const char *const known[] = {"aabb_train",         "aabb_infer",         "density_grid", "density_bitfield",
+                                      "density_grid_torso", "step_counter",       "camera_dR",    "camera_dT",
+                                      "camera_unseen",      "torso_motion_unseen"};
   const struct ern_field *field = &model->field;
   if (!field->config.eye && strncmp(name, "eye_att_net.", 12) == 0) return true;
   for (size_t i = 0; i < sizeof known / sizeof *known; i++)
@@ -404,6 +404,14 @@ fail:
   return status;
 }
 
+/* The regression of the body's motion, where the torso was trained with it. */
+static ern_status take_motion(ern_model *model, const struct ern_tensor_file *file, const char *path) {
+  model->has_motion = model->field.config.torso && ern_tensor_file_find(file, "torso_motion_unseen") != NULL;
+  if (!model->has_motion) return ERN_OK;
+  return ern_tensor_take(model->context, file, path, "torso_motion_unseen", 2,
+                         (size_t[]){ERN_POSE_REGRESSION_ROWS, ERN_POSE_NUMBERS}, (float *)&model->motion);
+}
+
 /* Whether the file has every tensor of the configuration: checked before memory is allocated for the sizes that its
  * metadata claims. */
 static ern_status check_tensors(ern_context *context, const struct ern_tensor_file *file, const char *path,
@@ -481,6 +489,7 @@ ern_status ern_model_from_file(ern_model **model, ern_context *context, const st
   ERN_TRY(check_derived(made, file, path));
   ERN_TRY(take_occupancy(made, file, path));
   ERN_TRY(take_camera(made, file, path));
+  ERN_TRY(take_motion(made, file, path));
   *model = made;
   return ERN_OK;
 fail:

@@ -8,9 +8,6 @@
 enum { N = ERN_POSE_NUMBERS };
 _Static_assert(sizeof(struct ern_pose_regression) == ERN_POSE_REGRESSION_ROWS * N * sizeof(float), "a tensor");
 
-/* Weight of the squared slopes of a standardised number, relative to the mean squared error; found by experiment
- * (docs/results.md). */
-static const double ridge = 0.3;
 static const double most_number = 1e30; /* so that it fits into a float */
 
 /* Three numbers of the rotation relative to a camera that looks straight into the face, and the negated position of the
@@ -68,7 +65,8 @@ static void solve(double a[N][N], double b[N][N]) {
   }
 }
 
-void ern_pose_regression_fit(struct ern_pose_regression *fit, const float *pose, const float *correction, size_t n) {
+void ern_pose_regression_fit(struct ern_pose_regression *fit, const float *pose, const float *correction, size_t n,
+                             double ridge) {
   double mean[N], deviation[N], middle[N] = {0}, a[N][N] = {{0}}, b[N][N] = {{0}}, x[N];
   memset(fit, 0, sizeof *fit);
   if (n == 0) return;

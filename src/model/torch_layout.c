@@ -362,6 +362,11 @@ static ern_status check(const struct ern_torch_layout *l) {
             "%s: the corrections of poses that were not trained on (camera_unseen) have no place in the public "
             "program, and are left out",
             l->path);
+  if (l->model->has_motion)
+    ern_log(l->context, ERN_LOG_WARNING,
+            "%s: the body's motion (torso_motion_unseen) has no place in the public program, which will draw the torso "
+            "where the body is on average",
+            l->path);
   tell_view(l);
   if (!config->eye)
     ern_log(l->context, ERN_LOG_INFO, "%s: the missing eye branch is written as zeros; give --exp_eye", l->path);

@@ -1,6 +1,8 @@
 /* SPDX-License-Identifier: MIT */
 #include "model/torso.h"
 
+#include <string.h>
+
 #include "core/status.h"
 #include "mlp/activation_ops.h"
 #include "mlp/encoding_ops.h"
@@ -21,6 +23,7 @@ ern_status ern_torso_batch_take(struct ern_stream *stream, const struct ern_fiel
   batch->k_encoded = once(batch->k_encoded);
   ERN_TRY(ern_scratch_take_rows(stream, 2, n, &batch->q));
   ERN_TRY(ern_scratch_take_rows(stream, ERN_Q_ROWS, n, &batch->q_encoded));
+  ERN_TRY(ern_scratch_take_rows(stream, 2, n, &batch->moved));
   ERN_TRY(ern_scratch_take_rows(stream, 2, n, &batch->moved_by));
   ERN_TRY(ern_scratch_take_rows(stream, 2, n, &batch->x));
   ERN_TRY(ern_scratch_take_rows(stream, field->torso_grid.levels * field->torso_grid.features, n, &batch->grid));
@@ -95,9 +98,12 @@ ern_status ern_torso_fwd(struct ern_stream *stream, const struct ern_torso_input
   ERN_TRY(backend->freq_fwd(stream, &encode_k));
   struct ern_freq_fwd_args encode_q = {.y = batch->q_encoded, .x = batch->q, .octaves = ERN_Q_OCTAVES, .n = batch->n};
   ERN_TRY(backend->freq_fwd(stream, &encode_q));
+  struct ern_torso_move_args move = {.moved = batch->moved, .q = batch->q, .n = batch->n};
+  memcpy(move.motion, in->motion, sizeof move.motion);
+  ERN_TRY(backend->torso_move(stream, &move));
   struct ern_mlp_fwd_args mlp = deform_args(in, batch);
   ERN_TRY(backend->mlp_fwd(stream, &mlp));
-  struct ern_torso_deform_fwd_args deform = {.x = batch->x, .q = batch->q, .d = batch->moved_by, .n = batch->n};
+  struct ern_torso_deform_fwd_args deform = {.x = batch->x, .q = batch->moved, .d = batch->moved_by, .n = batch->n};
   ERN_TRY(backend->torso_deform_fwd(stream, &deform));
   struct ern_grid_fwd_args grid = grid_args(in, batch);
   ERN_TRY(backend->grid_fwd(stream, &grid));
@@ -145,7 +151,9 @@ ern_status ern_torso_bwd(struct ern_stream *stream, const struct ern_torso_input
                                    .forward = grid_args(in, batch)};
   ERN_TRY(backend->grid_bwd(stream, &grid));
   struct ern_torso_deform_bwd_args deform = {
-      .dd = d->moved_by, .dx = d->x, .forward = {.x = batch->x, .q = batch->q, .d = batch->moved_by, .n = batch->n}};
+      .dd = d->moved_by,
+      .dx = d->x,
+      .forward = {.x = batch->x, .q = batch->moved, .d = batch->moved_by, .n = batch->n}};
   ERN_TRY(backend->torso_deform_bwd(stream, &deform));
   struct ern_mlp_bwd_args moved = {.dparameters = dparameters, .dy = d->moved_by, .forward = deform_args(in, batch)};
   encoded_gradients(in, d, dparameters, &moved);

@@ -5,12 +5,14 @@
 
 #include "core/backend.h"
 #include "model/field.h"
+#include "model/torso_ops.h"
 
 struct ern_torso_inputs {
   const struct ern_field *field;
   ern_span parameters;
-  const float *pose; /* [16] camera to world, renderer's frame */
-  size_t individual; /* row of the individual codes */
+  const float *pose;              /* [16] camera to world, renderer's frame */
+  size_t individual;              /* row of the individual codes */
+  float motion[ERN_TORSO_MOTION]; /* of the body in this frame */
 };
 
 /* Values of a batch, or gradients by them. */
@@ -19,7 +21,8 @@ struct ern_torso_batch {
   ern_rows k;            /* [6] once: transformed key points */
   ern_rows k_encoded;    /* [42] once */
   ern_rows q, q_encoded; /* [2], [34] */
-  ern_rows moved_by, x;  /* [2] output of the deformation, and q + it, clamped */
+  ern_rows moved;        /* [2] q moved with the body */
+  ern_rows moved_by, x;  /* [2] output of the deformation, and moved + it, clamped */
   ern_rows grid;         /* [32] */
   ern_rows raw, layer;   /* [4] alpha, r, g, b before and after the sigmoid */
 };
@@ -34,6 +37,12 @@ ERN_NODISCARD ern_status ern_torso_fwd(struct ern_stream *stream, const struct e
 ERN_NODISCARD ern_status ern_torso_bwd(struct ern_stream *stream, const struct ern_torso_inputs *in,
                                        const struct ern_torso_batch *batch, struct ern_torso_batch *d,
                                        ern_span dparameters);
+
+/* moved: coordinates from -1 to 1, as of ern_frame_input, to those times shrink. */
+static inline void ern_torso_motion_of(float motion[ERN_TORSO_MOTION], const float moved[ERN_TORSO_MOTION],
+                                       float shrink) {
+  for (int i = 0; i < ERN_TORSO_MOTION; i++) motion[i] = i % 3 == 2 ? moved[i] * shrink : moved[i];
+}
 
 /* q of pixels (row-major numbers of a width x height picture). */
 ERN_NODISCARD ern_status ern_torso_q(struct ern_stream *stream, ern_span pixel, int width, int height, float shrink,

@@ -146,6 +146,16 @@ size_t ERN_REF(ern_torso_select)(int32_t *index, int32_t *selected, const int32_
 
 /* ---- deformation ---- */
 
+/* q'_r = q_r + (m_{3r} q_0 + m_{3r+1} q_1 + m_{3r+2}) */
+void ERN_REF(ern_torso_move)(ern_real *moved, const ern_real *q, const float *motion, size_t stride, size_t n) {
+  for (size_t i = 0; i < n; i++) {
+    for (size_t r = 0; r < 2; r++) {
+      const float *m = motion + 3 * r;
+      moved[r * stride + i] = q[r * stride + i] + (m[0] * q[i] + m[1] * q[stride + i] + m[2]);
+    }
+  }
+}
+
 /* x = clamp(q + d, -1, 1), two rows */
 void ERN_REF(ern_torso_deform_fwd)(ern_real *x, const ern_real *q, const ern_real *d, size_t stride, size_t n) {
   for (size_t row = 0; row < 2; row++) {

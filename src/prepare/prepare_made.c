@@ -42,6 +42,7 @@ static const struct file {
              {"", "transforms_train.json", POSE},
              {"", "transforms_val.json", POSE},
              {"", "bc.jpg", LAYERS},
+             {"", "torso.csv", LAYERS},
              {"", "au.csv", EYES},
              {"", "aud.npy", FEATURES},
              {"", "overlay.mp4", REPORT},
@@ -59,6 +60,12 @@ static bool is_one_of(const struct file *file, const char *name) {
   return file->folder[0] == 0 && strcmp(file->name, name) == 0;
 }
 
+/* The step's figure; 0: it is missing in the record, as in one of a version without it. */
+static double measured(const struct ern_prepare_job *job, const char *step, const char *figure) {
+  const json_t *done = json_object_get(json_object_get(job->record, "steps"), step);
+  return json_number_value(json_object_get(json_object_get(done, "figures"), figure));
+}
+
 /* Whether the step's figure is missing in the record or not 0. */
 static bool has(const struct ern_prepare_job *job, const char *step, const char *figure) {
   const json_t *done = json_object_get(json_object_get(job->record, "steps"), step);
@@ -71,6 +78,7 @@ static bool is_written(const struct ern_prepare_job *job, const struct file *fil
   if (is_one_of(file, "aud.wav")) return has(job, "face", "sound");
   if (strcmp(file->name, "pose.csv") == 0) return job->options->poses == NULL;
   if (is_one_of(file, "au.csv")) return job->options->au != NULL || has(job, "eyes", "blinks");
+  if (is_one_of(file, "torso.csv")) return measured(job, "layers", "body_motion_known") > 0;
   if (is_one_of(file, "aud.npy")) return job->options->features != NULL;
   return true;
 }

@@ -41,6 +41,7 @@ static ern_status torso_layer(ern_renderer *r, const ern_frame_input *input, str
       .parameters = ern_whole(r->parameters, r->field.parameters),
       .field = &r->field};
   memcpy(args.pose, input->camera.pose, sizeof args.pose);
+  ern_renderer_torso_motion(r, input, args.motion);
   return r->backend->render_torso(r->stream, &args);
 }
 

@@ -81,6 +81,7 @@ ern_status ern_ray_reuse_check_background(ern_renderer *r, const ern_frame_input
   bool same = b->known;
   const size_t pixels = r->frame.pixels;
   const bool torso = r->field.config.torso;
+  float motion[6];
   ern_status status = ERN_OK;
   if (b->width != input->camera.width || b->height != input->camera.height) {
     ern_release(r->context, b->background);
@@ -90,11 +91,14 @@ ern_status ern_ray_reuse_check_background(ern_renderer *r, const ern_frame_input
   b->known = false;
   ERN_TRY(same_bytes(r, &b->background, input->background, 3 * pixels, &same));
   ERN_TRY(same_bytes(r, &b->torso, input->torso, 4 * pixels, &same));
-  if (torso && (memcmp(b->pose, input->camera.pose, sizeof b->pose) != 0 || b->individual != input->individual ||
-                memcmp(&b->frame, &input->camera.frame, sizeof b->frame) != 0))
+  ern_renderer_torso_motion(r, input, motion);
+  if (torso &&
+      (memcmp(b->motion, motion, sizeof motion) != 0 || memcmp(b->pose, input->camera.pose, sizeof b->pose) != 0 ||
+       b->individual != input->individual || memcmp(&b->frame, &input->camera.frame, sizeof b->frame) != 0))
     same = false;
   if (memcmp(&b->frame, &input->camera.frame, sizeof b->frame) != 0) r->reuse.known = false; /* rays outside change */
   memcpy(b->pose, input->camera.pose, sizeof b->pose);
+  memcpy(b->motion, motion, sizeof motion);
   b->frame = input->camera.frame;
   b->individual = input->individual;
   b->known = same;

@@ -1,9 +1,25 @@
 /* SPDX-License-Identifier: MIT */
 #include "render/renderer_state.h"
 
+#include <string.h>
+
+#include "model/torso.h"
+
 ern_status ern_renderer_buffer(ern_renderer *r, enum buffer buffer, ern_element element, size_t count, ern_span *span) {
   ern_status status = ERN_OK;
   if (r->buffer[buffer] == NULL) status = r->backend->buffer_make(r->backend, element, count, &r->buffer[buffer]);
   *span = status == ERN_OK ? ern_whole(r->buffer[buffer], count) : (ern_span){0};
   return status;
+}
+
+void ern_renderer_torso_motion(const ern_renderer *r, const ern_frame_input *input, float motion[6]) {
+  double predicted[ERN_POSE_NUMBERS];
+  float own[ERN_TORSO_MOTION] = {0};
+  if (r->model->has_motion && input->torso_motion != NULL) {
+    memcpy(own, input->torso_motion, sizeof own);
+  } else if (r->model->has_motion) {
+    ern_pose_regression_predict(&r->model->motion, input->camera.pose, predicted);
+    for (int i = 0; i < ERN_TORSO_MOTION; i++) own[i] = (float)predicted[i];
+  }
+  ern_torso_motion_of(motion, own, r->options.torso_shrink);
 }

@@ -86,6 +86,8 @@ ERN_NODISCARD ern_status ern_renderer_encode_audio(ern_renderer *r, const ern_fr
 /* Writes the layers behind the head to the frame's background rows: background, torso picture, the model's own
  * torso. */
 ERN_NODISCARD ern_status ern_renderer_background_layers(ern_renderer *r, const ern_frame_input *input);
+/* motion: of torso_move for this frame; zeros for a model without torso motion. */
+void ern_renderer_torso_motion(const ern_renderer *r, const ern_frame_input *input, float motion[6]);
 
 /* Renders the head over the background rows into the frame's pixels. */
 ERN_NODISCARD ern_status ern_renderer_head(ern_renderer *r, const ern_frame_input *input);

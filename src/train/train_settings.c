@@ -127,6 +127,11 @@ static const ern_setting table[] = {
      .scope = ERN_SCOPE_HEAD, .same_everywhere = true,
      .help = "a random colour for each ray behind the head, if the clip has parsing/, so that the head keeps no pieces "
              "of the clip's background; no: the clip's torso picture and background, as published"},
+    {ERN_ROW_BOOL(torso_motion), .group = "torso", .fallback = true, .resume = ERN_RESUME_KEPT,
+     .scope = ERN_SCOPE_TORSO, .same_everywhere = true,
+     .help =
+         "a torso moves with the body's motion, if the clip has torso.csv; no: as published. A resumed torso goes on "
+         "as it began"},
 };
 
 ERN_SETTINGS_FUNCTIONS(train, ern_train_config, 0x45524e34)

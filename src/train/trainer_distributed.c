@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "core/memory.h"
+#include "train/parts/trainer_motion.h"
 #include "train/trainer.h"
 
 /* Compares a text with rank 0's. */
@@ -71,11 +72,11 @@ static ern_status share_numbers(ern_trainer *t) {
   struct {
     uint64_t step, ema_updates, fine_from, iters, fine_steps;
     double seconds, beside, torso_mean;
-    uint64_t bf16, pruned;
+    uint64_t bf16, pruned, motion;
   } now = {t->shared.step,         t->values.ema_updates,       t->fine.from,
            t->shared.config.iters, t->shared.config.fine_steps, t->shared.seconds,
            t->shared.beside,       t->occupancy.torso_mean,     t->shared.bf16,
-           t->occupancy.pruned};
+           t->occupancy.pruned,    t->shared.model->has_motion};
   const ern_status status = ern_trainer_broadcast(&t->shared, &now, sizeof now);
   if (status != ERN_OK) return status;
   t->shared.step = now.step;
@@ -88,7 +89,8 @@ static ern_status share_numbers(ern_trainer *t) {
   t->occupancy.torso_mean = now.torso_mean;
   t->shared.bf16 = now.bf16 != 0;
   t->occupancy.pruned = now.pruned != 0;
-  return ERN_OK;
+  return t->shared.model->has_motion == (now.motion != 0) ? ERN_OK
+                                                          : ern_trainer_motion_set(&t->shared, now.motion != 0);
 }
 
 ern_status ern_trainer_share_state(ern_trainer *t) {

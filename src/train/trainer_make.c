@@ -18,6 +18,7 @@
 #include "render/frame_input.h"
 #include "train/parts/trainer_data.h"
 #include "train/parts/trainer_model.h"
+#include "train/parts/trainer_motion.h"
 #include "train/state_about.h"
 #include "train/train_settings.h"
 #include "train/trainer.h"
@@ -240,6 +241,8 @@ static ern_status take_host(ern_trainer *t) {
   ERN_TRY(ERN_NEW(t->shared.context, t->shared.data.frames[0], &t->shared.views));
   for (size_t i = 0; i < t->shared.data.frames[0]; i++)
     ERN_TRY(ern_trainer_view(&t->shared, 0, i, &t->shared.views[i]));
+  const ern_train_config *c = &t->shared.config;
+  ERN_TRY(ern_trainer_motion_set(&t->shared, c->torso && c->torso_motion && t->shared.data.has_torso_motion));
   ERN_TRY(ern_trainer_head(&t->shared, t->shared.config.data_begin, &head)); /* so that an invalid one is found now */
   ERN_TRY(ern_trainer_poses_make(&t->poses, &t->fine));
   t->state.poses = t->poses;
@@ -429,6 +432,7 @@ void ern_trainer_free(ern_trainer **trainer) {
   ern_trainer_poses_free(&t->poses);
   ern_trainer_parts_free(&t->parts, t->shared.context);
   ern_release(t->shared.context, t->shared.views);
+  ern_release(t->shared.context, t->shared.motion);
   ern_release(t->shared.context, t->state.output);
   ern_model_free(&t->shared.model);
   ern_release(t->shared.context, t);

@@ -230,6 +230,8 @@ ern_status ern_trainer_model(ern_trainer *t, ern_model **model) {
     ern_model_free(model);
     return status;
   }
+  (*model)->has_motion = t->shared.model->has_motion;
+  (*model)->motion = t->shared.model->motion;
   (*model)->head_steps = t->shared.model->head_steps;
   (*model)->torso_steps = t->shared.model->torso_steps;
   (*model)->view = t->shared.model->view;

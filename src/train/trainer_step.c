@@ -4,6 +4,7 @@
 
 #include <inttypes.h>
 #include <math.h>
+#include <string.h>
 
 #include "model/torso_ops.h"
 #include "render/picture_ops.h"
@@ -97,6 +98,7 @@ static ern_status torso_step(ern_trainer *t, const struct ern_batch *batch, stru
                                      .meanwhile = ern_trainer_draw_ahead,
                                      .user = &t->batches,
                                      .n = batch->rays};
+  memcpy(args.motion, t->shared.motion[batch->frame], sizeof args.motion);
   const ern_status status = t->shared.backend->torso_step(t->shared.stream, &args);
   add_part(t, sum, args.terms, args.terms[ERN_LOSS_PHOTOMETRIC], args.samples, batch->rays);
   return status;

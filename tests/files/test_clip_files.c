@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * The files of a clip's frames are not those that one takes them for: exchanged since a training began, or two pictures
  * of one frame. */
+#include <math.h>
 #include <unistd.h>
 
 #include "ernerf-lab/synth.h"
@@ -59,6 +60,46 @@ static void test_exchanged(void **state) {
   ern_context_free(&context);
 }
 
+static void ignore(void *user, int ok, const char *sentence) { (void)user, (void)ok, (void)sentence; }
+
+static void expect_motion_refused(ern_context *context, const char *change, ern_status status, const char *said) {
+  ern_clip *clip = NULL;
+  assert_int_equal(system(change), 0);
+  support_expect(context, ern_clip_open(context, "made", NULL, &clip), status, "made/torso.csv", said, NULL);
+  assert_null(clip);
+  support_expect(context, ern_clip_check(context, "made", ignore, NULL), status, "made/torso.csv", said, NULL);
+}
+
+static void test_motion(void **state) {
+  (void)state;
+  ern_context *context = open_made();
+  ern_clip *clip = NULL;
+  ern_clip_info info;
+  char before[65], after[65];
+  print_of(context, before);
+  FILE *file = fopen("made/torso.csv", "w");
+  fputs("frame,row_row,row_column,row,column_row,column_column,column\n", file);
+  for (int i = 0; i < 8; i++) fprintf(file, "%d,0.01,0.02,0.03,-0.04,-0.05,%.2f\n", i, 0.1 * i);
+  fclose(file);
+  print_of(context, after);
+  assert_string_not_equal(before, after);
+  support_ok(context, ern_clip_open(context, "made", NULL, &clip));
+  ern_clip_describe(clip, &info);
+  assert_true(info.has_torso_motion);
+  for (size_t i = 0; i < info.frames[0]; i++) {
+    const ern_clip_frame *frame = ern_clip_frame_at(clip, ERN_SPLIT_TRAIN, i);
+    const float expected[6] = {0.01f, 0.02f, 0.03f, -0.04f, -0.05f, 0.1f * (float)frame->pose.img_id};
+    for (int k = 0; k < 6; k++) assert_true(fabsf(frame->torso_motion[k] - expected[k]) < 1e-6f);
+  }
+  ern_clip_free(&clip);
+  expect_motion_refused(context, "cp made/torso.csv good && sed -i 's/^3,0.01/3,1001/' made/torso.csv", ERN_E_FORMAT,
+                        "row_row");
+  expect_motion_refused(context, "sed 's/^3,0.01/3,nan/' good > made/torso.csv", ERN_E_FORMAT, "row_row");
+  expect_motion_refused(context, "sed '$d' good > made/torso.csv", ERN_E_SHAPE, "has 7 rows");
+  expect_motion_refused(context, "sed 's/column_row/other/' good > made/torso.csv", ERN_E_MISSING, "column_row");
+  ern_context_free(&context);
+}
+
 static void note(void *user, int ok, const char *sentence) {
   if (!ok && strstr(sentence, "gt_imgs: 1 frames have several pictures, the first is img_id 3") != NULL)
     *(bool *)user = true;
@@ -81,6 +122,7 @@ static void test_two_of_one_frame(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_exchanged), cmocka_unit_test(test_two_of_one_frame)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_exchanged), cmocka_unit_test(test_motion),
+                                     cmocka_unit_test(test_two_of_one_frame)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

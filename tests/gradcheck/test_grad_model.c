@@ -146,6 +146,7 @@ static void scene_open_of(struct scene *s, struct kinds kinds) {
                                           .truth = s->head.truth,
                                           .background = s->head.background,
                                           .individual = 2,
+                                          .motion = {0.05f, -0.03f, 0.02f, 0.04f, -0.02f, 0.03f},
                                           .n = TORSO_RAYS};
 }
 

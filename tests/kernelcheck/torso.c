@@ -220,6 +220,31 @@ static void check_deform(size_t n, bool apart) {
   machines_clear();
 }
 
+static void check_move(size_t n) {
+  static const float motion[][ERN_TORSO_MOTION] = {
+      {0}, {0.1f, -0.2f, 0.05f, 0.15f, -0.1f, 0.3f}, {0, 0, 1e3f, 0, 0, -1e3f}};
+  float *q = floats(2 * n);
+  for (size_t i = 0; i < 2 * n; i++) q[i] = random_at(1, i, 0.8f);
+  const struct many_rows q_rows = many_strided(q, 2, n, ERN_PER_SAMPLE);
+  for (size_t k = 0; k < COUNT_OF(motion); k++) {
+    const struct many_rows moved = many_strided(NULL, 2, n, ERN_PER_SAMPLE);
+    struct ern_torso_move_args args[MACHINES];
+    EACH_MACHINE (b) {
+      args[b] = (struct ern_torso_move_args){.moved = moved.on[b], .q = q_rows.on[b], .n = n};
+      memcpy(args[b].motion, motion[k], sizeof args[b].motion);
+    }
+    RUN(torso_move, args);
+    expect_rows("moved", moved);
+  }
+  machines_clear();
+}
+
+static void test_move(void **state) {
+  (void)state;
+  check_move(0);
+  for (size_t s = 0; s < size_count(); s++) check_move(test_sizes[s]);
+}
+
 static void test_deform(void **state) {
   (void)state;
   check_deform(0, true);
@@ -371,8 +396,10 @@ static void bench(void) {
   machines_clear();
 }
 
-static const struct CMUnitTest tests[] = {cmocka_unit_test(test_pose),   cmocka_unit_test(test_coords),
-                                          cmocka_unit_test(test_select), cmocka_unit_test(test_select_at_the_threshold),
-                                          cmocka_unit_test(test_deform), cmocka_unit_test(test_composite),
-                                          cmocka_unit_test(test_points), cmocka_unit_test(test_update)};
+static const struct CMUnitTest tests[] = {
+    cmocka_unit_test(test_pose),      cmocka_unit_test(test_coords),
+    cmocka_unit_test(test_select),    cmocka_unit_test(test_select_at_the_threshold),
+    cmocka_unit_test(test_move),      cmocka_unit_test(test_deform),
+    cmocka_unit_test(test_composite), cmocka_unit_test(test_points),
+    cmocka_unit_test(test_update)};
 NOUN(torso, bench, .isa = NULL)

@@ -58,6 +58,7 @@ struct stage {
 static struct stage stage_make(const struct scene *scene) {
   static const float pose[16] = {0.1f, -0.99f, -0.03f, 0.19f, 0.06f,  0.04f, -1.02f, 3.04f,
                                  1.0f, 0.09f,  0.07f,  -0.2f, 0.003f, 0.01f, -0.02f, 1.0f};
+  static const float motion[ERN_TORSO_MOTION] = {0.05f, -0.03f, 0.02f, 0.04f, -0.02f, -0.03f};
   const struct many parameters = many_reals(scene->block, scene->field.parameters);
   const struct many grid = many_reals(scene->cells, ERN_TORSO_CELLS);
   struct stage stage = {.planes = many_reals(scene->planes, PLANES * scene->stride)};
@@ -76,6 +77,7 @@ static struct stage stage_make(const struct scene *scene) {
         .parameters = parameters.on[k],
         .field = &scene->field};
     memcpy(stage.args[k].pose, pose, sizeof pose);
+    if (scene->width % 2 == 0) memcpy(stage.args[k].motion, motion, sizeof motion);
     struct ern_render_prepare_args prepare = {parameters.on[k], &scene->field};
     RUN_ON(k, render_prepare, &prepare);
   }

@@ -150,7 +150,7 @@ static void test_regression_of_extreme_poses(void **state) {
       for (size_t i = 0; i < 16 * MANY; i++) pose[i] = machines_random(2, i, sizes[of_pose]);
       for (size_t i = 0; i < ERN_POSE_NUMBERS * MANY; i++) row[i] = machines_random(3, i, fminf(sizes[of_row], 1e30f));
       for (size_t n = 1; n <= MANY; n++) {
-        ern_pose_regression_fit(&fit, pose, row, n);
+        ern_pose_regression_fit(&fit, pose, row, n, 0.3);
         for (size_t i = 0; i < MANY; i++) {
           ern_pose_regression_predict(&fit, pose + 16 * i, predicted);
           for (size_t k = 0; k < ERN_POSE_NUMBERS; k++) assert_true(fabs(predicted[k]) <= 1e30);

@@ -178,7 +178,7 @@ static void fit_to(struct ern_pose_regression *fit, float (*of)(float angle, flo
     pose_of(pose + 16 * i, angle, distance);
     row[ERN_POSE_NUMBERS * i + 1] = of(angle, distance);
   }
-  ern_pose_regression_fit(fit, pose, row, MANY);
+  ern_pose_regression_fit(fit, pose, row, MANY, 0.3);
 }
 
 static double predicted(const struct ern_pose_regression *fit, float angle, float distance) {
@@ -230,10 +230,10 @@ static void test_too_little_to_fit(void **state) {
   float pose[2 * 16], row[2 * ERN_POSE_NUMBERS] = {[1] = 0.5f, [ERN_POSE_NUMBERS + 1] = 0.5f};
   pose_of(pose, 0.1f, 3);
   pose_of(pose + 16, 0.1f, 3);
-  ern_pose_regression_fit(&fit, pose, row, 0);
+  ern_pose_regression_fit(&fit, pose, row, 0, 0.3);
   assert_true(predicted(&fit, 0.3f, 3) == 0);
   for (size_t n = 1; n <= 2; n++) {
-    ern_pose_regression_fit(&fit, pose, row, n);
+    ern_pose_regression_fit(&fit, pose, row, n, 0.3);
     assert_true(fabs(predicted(&fit, 0.3f, 4) - 0.5) < 1e-6);
   }
 }

@@ -1,13 +1,12 @@
 /* SPDX-License-Identifier: MIT
- * Torso coordinates, the choice of pixels by the 2D occupancy, and its refresh. */
-#include "../support.h"
-
-#include <math.h>
-
+ * Torso coordinates, the choice of pixels by the 2D occupancy, and its refresh. A torso that moves by itself, under a
+ * head that stands still: trained with the body's motion and without, drawn where it was recorded and where it was not,
+ * resumed. */
+#include "../made_clip.h"
 #include "core/rng.h"
 #include "model/torso_ops.h"
 
-enum { SIDE = ERN_TORSO_SIDE, CELLS = ERN_TORSO_CELLS };
+enum { GRID = ERN_TORSO_SIDE, CELLS = ERN_TORSO_CELLS };
 
 static float uniform(uint64_t seed, uint32_t at) {
   return ern_uniform(ern_random_at(seed, 0, at, ERN_RNG_INIT).word[0]);
@@ -32,14 +31,31 @@ static void test_coords(void **state) {
   assert_true(q[0] == 0 && q[1] == 0 && q[STRIDE] == -1 && q[STRIDE + 1] == 1);
 }
 
+/* Without motion a point keeps its bits; else it goes where the equation says. */
+static void test_move(void **state) {
+  (void)state;
+  enum { COUNT = 3, STRIDE = 4 };
+  static const float q[2 * STRIDE] = {-0.8f, 0.1f, 0.7f, 0, 0.3f, -0.6f, 0.8f, 0}, none[6] = {0};
+  static const float motion[6] = {0.5f, -0.25f, 0.125f, 1, 2, -3};
+  float moved[2 * STRIDE];
+  ern_torso_move_ref(moved, q, none, STRIDE, COUNT);
+  for (int i = 0; i < COUNT; i++) assert_true(moved[i] == q[i] && moved[STRIDE + i] == q[STRIDE + i]);
+  ern_torso_move_ref(moved, q, motion, STRIDE, COUNT);
+  for (int i = 0; i < COUNT; i++) {
+    const double r = (double)q[i], c = (double)q[STRIDE + i];
+    assert_true(fabs((double)moved[i] - (1.5 * r - 0.25 * c + 0.125)) < 1e-6);
+    assert_true(fabs((double)moved[STRIDE + i] - (3 * c + r - 3)) < 1e-6);
+  }
+}
+
 /* Bilinear in double over the cells (r, c) at c*128 + r, the corners of the picture on the centres of the corner cells.
  */
 static double grid_at(const float *grid, double row, double column) {
   double sum = 0;
-  for (int c = 0; c < SIDE; c++) {
-    for (int r = 0; r < SIDE; r++) {
-      const double wr = 1 - fabs((row + 1) / 2 * (SIDE - 1) - r), wc = 1 - fabs((column + 1) / 2 * (SIDE - 1) - c);
-      if (wr > 0 && wc > 0) sum += wr * wc * (double)grid[c * SIDE + r];
+  for (int c = 0; c < GRID; c++) {
+    for (int r = 0; r < GRID; r++) {
+      const double wr = 1 - fabs((row + 1) / 2 * (GRID - 1) - r), wc = 1 - fabs((column + 1) / 2 * (GRID - 1) - c);
+      if (wr > 0 && wc > 0) sum += wr * wc * (double)grid[c * GRID + r];
     }
   }
   return sum;
@@ -74,12 +90,12 @@ static void test_select(void **state) {
   check_select(grid, 1, 400, 0.5f);
   /* a row of the picture is a row of cells: c*128 + r */
   memset(grid, 0, sizeof grid);
-  grid[3 * SIDE + 90] = 1;
-  int32_t pixel[SIDE * SIDE], index[SIDE * SIDE], selected[SIDE * SIDE];
-  for (int32_t i = 0; i < SIDE * SIDE; i++) pixel[i] = i;
-  assert_int_equal(ern_torso_select_ref(index, selected, pixel, grid, 0.5f, SIDE, SIDE, SIDE * SIDE), 1);
-  assert_int_equal(selected[0], 90 * SIDE + 3);
-  assert_int_equal(ern_torso_select_ref(index, selected, pixel, grid, 0.5f, SIDE, SIDE, 0), 0);
+  grid[3 * GRID + 90] = 1;
+  int32_t pixel[GRID * GRID], index[GRID * GRID], selected[GRID * GRID];
+  for (int32_t i = 0; i < GRID * GRID; i++) pixel[i] = i;
+  assert_int_equal(ern_torso_select_ref(index, selected, pixel, grid, 0.5f, GRID, GRID, GRID * GRID), 1);
+  assert_int_equal(selected[0], 90 * GRID + 3);
+  assert_int_equal(ern_torso_select_ref(index, selected, pixel, grid, 0.5f, GRID, GRID, 0), 0);
 }
 
 static void test_points(void **state) {
@@ -88,7 +104,7 @@ static void test_points(void **state) {
   ern_torso_points_ref(q, CELLS, 0.8f, 3, 48);
   ern_torso_points_ref(again, CELLS, 0.8f, 3, 64);
   for (int cell = 0; cell < CELLS; cell++) {
-    const int of[2] = {cell % SIDE, cell / SIDE}; /* row, column */
+    const int of[2] = {cell % GRID, cell / GRID}; /* row, column */
     for (int k = 0; k < 2; k++) {
       const double found = (double)q[k * CELLS + cell] / 0.8, centre = (2.0 * of[k] / 127 - 1) * 127 / 128;
       assert_true(fabs(found - centre) <= 1.0 / 128 + 1e-6);
@@ -107,15 +123,15 @@ static void test_update(void **state) {
   const double mean = ern_torso_update_ref(grid, alpha, 0.95f);
   double sum = 0;
   size_t raised = 0;
-  for (int c = 0; c < SIDE; c++) {
-    for (int r = 0; r < SIDE; r++) {
-      float most = before[c * SIDE + r] * 0.95f;
+  for (int c = 0; c < GRID; c++) {
+    for (int r = 0; r < GRID; r++) {
+      float most = before[c * GRID + r] * 0.95f;
       for (int other = 0; other < 25; other++) {
         const int cc = c + other / 5 - 2, rr = r + other % 5 - 2;
-        if (cc >= 0 && cc < SIDE && rr >= 0 && rr < SIDE) most = fmaxf(most, alpha[cc * SIDE + rr]);
+        if (cc >= 0 && cc < GRID && rr >= 0 && rr < GRID) most = fmaxf(most, alpha[cc * GRID + rr]);
       }
-      assert_true(grid[c * SIDE + r] == most);
-      raised += most > before[c * SIDE + r] * 0.95f;
+      assert_true(grid[c * GRID + r] == most);
+      raised += most > before[c * GRID + r] * 0.95f;
       sum += (double)most;
     }
   }
@@ -138,10 +154,238 @@ static void test_pose(void **state) {
   for (int i = 0; i < 6; i++) assert_true(fabs((double)k[i] - 2.5 * expected[i]) < 3e-7);
 }
 
+/* ---- the motion of the body, in trainings ---- */
+
+/* Rows by which the body is lower in a frame than in its mean place; the last one is not trained on. */
+static const float lower[FRAMES + 1] = {-3, -1, 1, 3, 2};
+
+/* A smooth pattern of the body at that row and column, pixels. */
+static uint8_t pattern(float row, float column, int channel) {
+  return (uint8_t)lrintf(128 + 60 * sinf(0.9f * row + (float)channel) + 50 * sinf(0.7f * column));
+}
+
+static ern_status moving_frame(void *user, int split, size_t index, ern_dataset_frame *frame) {
+  const size_t f = split == 0 ? index : FRAMES;
+  const ern_status status = made_frame(user, split, 1, frame);
+  frame->aud_id = (int64_t)f;
+  frame->torso_motion[2] = -lower[f] * 2 / (SIDE - 1);
+  return status;
+}
+
+static ern_status moving_pixels(void *user, int split, size_t index, const uint8_t **truth, const uint8_t **torso) {
+  struct made *m = user;
+  const size_t f = split == 0 ? index : FRAMES, slot = split == 0 ? index : 0;
+  for (int i = 0; i < SIDE * SIDE; i++) {
+    for (int c = 0; c < 3; c++) m->torso[slot][4 * i + c] = pattern((float)(i / SIDE) - lower[f], (float)(i % SIDE), c);
+    m->torso[slot][4 * i + 3] = i / SIDE >= SIDE / 2 ? 255 : 0;
+  }
+  *truth = m->truth[slot];
+  *torso = m->torso[slot];
+  return ERN_OK;
+}
+
+static void moving_open(struct made *m, ern_model **head) {
+  made_open(m);
+  m->data.frame = moving_frame;
+  m->data.pixels = moving_pixels;
+  m->data.has_torso_motion = true;
+  clear_run("head");
+  const ern_train_config config = small_config(2, "head.safetensors");
+  support_ok(m->context, train(m, &config, NULL));
+  support_ok(m->context, ern_model_load(head, m->context, "head.safetensors"));
+}
+
+static ern_train_config torso_config(const ern_model *head, uint64_t iters, const char *output) {
+  ern_train_config config = small_config(iters, output);
+  config.torso = true;
+  config.head = head;
+  return config;
+}
+
+/* Root mean square error, grey values, of the torso alone where it is opaque in a frame of the validation; `motion` as
+ * of ern_frame_input. */
+static double error_of(struct made *m, const ern_model *model, const float *motion) {
+  static const uint8_t no_head[SIDE * SIDE];
+  static float rgb[SIDE * SIDE * 3];
+  const uint8_t *truth = NULL, *torso = NULL;
+  float windows[8 * 16 * WIDTH] = {0};
+  ern_dataset_frame about = {0};
+  ern_renderer *renderer = NULL;
+  const ern_render_options options = ern_render_options_default();
+  double sum = 0;
+  support_ok(m->context, moving_frame(m, 1, 0, &about));
+  support_ok(m->context, moving_pixels(m, 1, 0, &truth, &torso));
+  ern_frame_input input = {.camera = {.focal = 48, .cx = SIDE / 2, .cy = SIDE / 2, .width = SIDE, .height = SIDE},
+                           .windows = windows,
+                           .window_length = 16,
+                           .individual = ERN_INDIVIDUAL_MEAN,
+                           .background = m->background,
+                           .wanted = no_head,
+                           .torso_motion = motion};
+  ern_camera_pose(input.camera.pose, about.matrix, 4);
+  support_ok(m->context, ern_renderer_create(&renderer, m->backend, model, &options));
+  support_ok(m->context, ern_renderer_frame(renderer, &input, &(ern_frame_output){.rgb = rgb}, NULL));
+  ern_renderer_free(&renderer);
+  const int first = SIDE * (SIDE / 2 + 1);
+  for (int i = first; i < SIDE * SIDE; i++)
+    for (int c = 0; c < 3; c++) {
+      const double off = 255 * (double)rgb[3 * i + c] - torso[4 * i + c];
+      sum += off * off;
+    }
+  return sqrt(sum / (3 * (SIDE * SIDE - first)));
+}
+
+static void test_learnt_long(void **state) {
+  (void)state;
+  struct made m;
+  ern_model *head = NULL, *with = NULL, *without = NULL;
+  ern_model_info info;
+  moving_open(&m, &head);
+  clear_run("with"), clear_run("without");
+  ern_train_config config = torso_config(head, 1500, "with.safetensors");
+  support_ok(m.context, train(&m, &config, NULL));
+  config.output = "without.safetensors";
+  config.torso_motion = false;
+  support_ok(m.context, train(&m, &config, NULL));
+  support_ok(m.context, ern_model_load(&with, m.context, "with.safetensors"));
+  support_ok(m.context, ern_model_load(&without, m.context, "without.safetensors"));
+  ern_model_describe(with, &info);
+  assert_true(info.has_torso_motion);
+  ern_model_describe(without, &info);
+  assert_false(info.has_torso_motion);
+  const float here[6] = {0, 0, -lower[FRAMES] * 2 / (SIDE - 1), 0, 0, 0}, far[6] = {0, 0, 3.0f / SIDE, 0, 0, 0};
+  const double own = error_of(&m, with, here), elsewhere = error_of(&m, with, far), none = error_of(&m, without, here);
+  if (!(own < 0.5 * none && own < 0.5 * elsewhere))
+    fail_msg("errors: %.1f with motion, %.1f with that of another place, %.1f without", own, elsewhere, none);
+  assert_true(error_of(&m, without, NULL) == none); /* which ignores it */
+  ern_model_free(&head), ern_model_free(&with), ern_model_free(&without);
+  made_close(&m);
+}
+
+/* Motion that follows from the pose is predicted from the pose. */
+static ern_status turning_frame(void *user, int split, size_t index, ern_dataset_frame *frame) {
+  const ern_status status = made_frame(user, split, index, frame);
+  for (int k = 0; k < 6; k++) frame->torso_motion[k] = 0.02f * (float)(k + 1) * ((float)index - 1.5f);
+  return status;
+}
+
+static void draw(struct made *m, const ern_model *model, size_t frame, const float *motion, float *rgb) {
+  float windows[8 * 16 * WIDTH] = {0};
+  ern_dataset_frame about = {0};
+  ern_renderer *renderer = NULL;
+  const ern_render_options options = ern_render_options_default();
+  support_ok(m->context, turning_frame(m, 0, frame, &about));
+  ern_frame_input input = {.camera = {.focal = 48, .cx = SIDE / 2, .cy = SIDE / 2, .width = SIDE, .height = SIDE},
+                           .windows = windows,
+                           .window_length = 16,
+                           .individual = ERN_INDIVIDUAL_MEAN,
+                           .background = m->background,
+                           .torso_motion = motion};
+  ern_camera_pose(input.camera.pose, about.matrix, 4);
+  support_ok(m->context, ern_renderer_create(&renderer, m->backend, model, &options));
+  support_ok(m->context, ern_renderer_frame(renderer, &input, &(ern_frame_output){.rgb = rgb}, NULL));
+  ern_renderer_free(&renderer);
+}
+
+static void test_predicted(void **state) {
+  (void)state;
+  static float recorded[SIDE * SIDE * 3], predicted[SIDE * SIDE * 3], still[SIDE * SIDE * 3];
+  static const float none[6] = {0};
+  struct made m;
+  ern_model *head = NULL, *portrait = NULL;
+  moving_open(&m, &head);
+  m.data.frame = turning_frame;
+  clear_run("turning");
+  const ern_train_config config = torso_config(head, 60, "turning.safetensors");
+  support_ok(m.context, train(&m, &config, NULL));
+  support_ok(m.context, ern_model_load(&portrait, m.context, "turning.safetensors"));
+  for (size_t f = 0; f < FRAMES; f++) {
+    ern_dataset_frame about = {0};
+    double off = 0, moved = 0;
+    support_ok(m.context, turning_frame(&m, 0, f, &about));
+    draw(&m, portrait, f, about.torso_motion, recorded);
+    draw(&m, portrait, f, NULL, predicted);
+    draw(&m, portrait, f, none, still);
+    for (int i = 0; i < SIDE * SIDE * 3; i++) {
+      off += fabs((double)recorded[i] - (double)predicted[i]);
+      moved += fabs((double)recorded[i] - (double)still[i]);
+    }
+    if (!(off < 0.3 * moved)) fail_msg("frame %zu: off by %g, expected a part of %g", f, off, moved);
+  }
+  ern_model_free(&head), ern_model_free(&portrait);
+  made_close(&m);
+}
+
+/* A resumed torso goes on as it began, with motion or without, and with motion not on a clip that has lost it. */
+static void test_resumed(void **state) {
+  (void)state;
+  struct made m;
+  ern_model *head = NULL, *portrait = NULL;
+  ern_model_info info;
+  moving_open(&m, &head);
+  clear_run("straight"), clear_run("resumed"), clear_run("before");
+  ern_train_config config = torso_config(head, 16, "straight.safetensors");
+  support_ok(m.context, train(&m, &config, NULL));
+  config.output = "resumed.safetensors";
+  config.iters = 16;
+  ern_trainer *trainer = NULL;
+  ern_train_report report;
+  support_ok(m.context, ern_trainer_create(&trainer, m.backend, &m.data, &config));
+  for (int k = 0; k < 9; k++) support_ok(m.context, ern_trainer_step(trainer, &report));
+  support_ok(m.context, ern_trainer_save(trainer));
+  ern_trainer_free(&trainer);
+  config.resume = true;
+  m.data.has_torso_motion = false;
+  support_expect(m.context, train(&m, &config, NULL), ERN_E_MISMATCH, "resumed.run/state.safetensors", "torso.csv",
+                 NULL);
+  m.data.has_torso_motion = true;
+  config.torso_motion = false; /* not asked of a torso that goes on */
+  support_ok(m.context, train(&m, &config, NULL));
+  expect_same("straight.safetensors", "resumed.safetensors");
+
+  config = torso_config(head, 8, "before.safetensors");
+  m.data.has_torso_motion = false;
+  support_ok(m.context, train(&m, &config, NULL));
+  config.iters = 12;
+  config.resume = m.data.has_torso_motion = true;
+  support_ok(m.context, train(&m, &config, NULL));
+  support_ok(m.context, ern_model_load(&portrait, m.context, "before.safetensors"));
+  ern_model_describe(portrait, &info);
+  assert_true(info.torso_steps == 12 && !info.has_torso_motion);
+  ern_model_free(&head), ern_model_free(&portrait);
+  made_close(&m);
+}
+
+static ern_status bad_frame(void *user, int split, size_t index, ern_dataset_frame *frame) {
+  const ern_status status = moving_frame(user, split, index, frame);
+  frame->eye = 0;
+  if (index == 2) frame->torso_motion[4] = ((struct made *)user)->poison;
+  return status;
+}
+
+static void test_refused(void **state) {
+  (void)state;
+  static const float bad[] = {NAN, INFINITY, 1001, -1e30f};
+  struct made m;
+  ern_model *head = NULL;
+  moving_open(&m, &head);
+  m.data.frame = bad_frame;
+  clear_run("bad");
+  const ern_train_config config = torso_config(head, 4, "bad.safetensors");
+  for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
+    m.poison = bad[i];
+    support_expect(m.context, train(&m, &config, NULL), ERN_E_ARGUMENT, "frame 2: torso_motion: value 4 is", NULL);
+  }
+  ern_model_free(&head);
+  made_close(&m);
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_coords), cmocka_unit_test(test_select), cmocka_unit_test(test_points),
-      cmocka_unit_test(test_update), cmocka_unit_test(test_pose),
+      cmocka_unit_test(test_coords),      cmocka_unit_test(test_move),      cmocka_unit_test(test_select),
+      cmocka_unit_test(test_points),      cmocka_unit_test(test_update),    cmocka_unit_test(test_pose),
+      cmocka_unit_test(test_learnt_long), cmocka_unit_test(test_predicted), cmocka_unit_test(test_resumed),
+      cmocka_unit_test(test_refused),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

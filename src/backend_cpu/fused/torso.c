@@ -266,6 +266,7 @@ static ern_status render_torso(struct ern_stream *stream, struct ern_render_tors
                                   .pixel = reals(a->pixel.span),
                                   .stride = a->pixel.stride,
                                   .opacity = reals(a->opacity)};
+  memcpy(frame.motion, a->motion, sizeof frame.motion);
   ern_status status = ERN_OK;
   if (!fits(a->field) || !fill_levels(&frame, &a->field->torso_grid, reals(a->parameters) + a->field->torso_table))
     return ern_render_torso_stages(stream, a);

@@ -46,6 +46,7 @@ struct ern_torso_levels {
 
 struct ern_torso_frame {
   int width, height, levels;
+  float motion[6]; /* of torso_move */
   struct ern_torso_axis row, column;
   struct ern_torso_level level[ERN_GRID_MAX_LEVELS];
   struct ern_torso_levels abreast;

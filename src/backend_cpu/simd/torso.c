@@ -118,13 +118,15 @@ static void first_layers(struct tile *tile, const struct ern_torso_frame *frame,
   }
 }
 
-/* u = (clamp(q + d, -1, 1) + 1)/2; 0 for NaN. */
+/* u = (clamp(q' + d, -1, 1) + 1)/2, q' being q moved with the body; 0 for NaN. */
 static void positions(struct tile *tile, const struct ern_torso_frame *frame, const struct rows *rows) {
   for (size_t b = 0; b < BLOCKS; b++) {
     const vf q[2] = {rows->q[tile->block[b].band], vf_all_quad(frame->column.q + tile->block[b].column)};
     vi outside = {0};
     for (size_t d = 0; d < 2; d++) {
-      const vf x = vf_clamp(q[d] + vf_load(tile->out + d * TILE + b * LANES), -1, 1);
+      const float *m = frame->motion + 3 * d;
+      const vf moved = q[d] + (m[0] * q[0] + m[1] * q[1] + m[2]);
+      const vf x = vf_clamp(moved + vf_load(tile->out + d * TILE + b * LANES), -1, 1);
       outside |= x != x;
       tile->u[d][b] = vf_select(x != x, (vf){0}, (x + 1) * 0.5f);
     }

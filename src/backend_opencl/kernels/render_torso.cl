@@ -22,6 +22,7 @@ struct torso_frame {
   int width, height;
   float threshold, shrink;
   uint across, patches; /* patches in a row of them, and in all */
+  float motion[6];      /* of torso_move */
 };
 
 struct torso_level { /* entry (row, column) = (row + column*step) & mask, of two values each */
@@ -164,7 +165,7 @@ INLINE void begin(local floatw *tile, const struct segment segment[VECTORS], glo
   }
 }
 
-/* u = (clamp(q + d, -1, 1) + 1)/2, d being the deformation; 0 where that is NaN. */
+/* u = (clamp(q' + d, -1, 1) + 1)/2, q' being q moved with the body and d the deformation; 0 where that is NaN. */
 INLINE void place(floatw u[2][VECTORS], intw outside[VECTORS], floatw moved_by[2][VECTORS],
                   const struct segment segment[VECTORS], const struct torso_frame *f) {
 #pragma OPENCL FP_CONTRACT OFF
@@ -175,7 +176,8 @@ INLINE void place(floatw u[2][VECTORS], intw outside[VECTORS], floatw moved_by[2
         f->shrink * COORDINATE(floatw, REAL(2 * i - (f->width - 1)), f->width)};
     outside[v] = (intw)(0);
     _Pragma("unroll") for (int d = 0; d < 2; d++) {
-      const floatw moved = q[d] + moved_by[d][v];
+      const floatw own = q[d] + (f->motion[3 * d] * q[0] + f->motion[3 * d + 1] * q[1] + f->motion[3 * d + 2]);
+      const floatw moved = own + moved_by[d][v];
       const floatw x = select(select(moved, (floatw)(1), moved > 1), (floatw)(-1), moved < -1);
       outside[v] |= x != x;
       u[d][v] = select((x + 1) * 0.5f, (floatw)(0), x != x);

@@ -138,6 +138,22 @@ kernel void torso_gather(SPAN(int, index), SPAN(int, selected), SPAN(const int, 
 
 /* ---- deformation ---- */
 
+struct motion { /* the same struct as in torso.c */
+  float m[6];
+};
+
+/* q'_r = q_r + (m_{3r} q_0 + m_{3r+1} q_1 + m_{3r+2}) */
+kernel void torso_move(ROWS(float, moved), ROWS(const float, q), const struct motion motion, ulong n) {
+#pragma OPENCL FP_CONTRACT OFF
+  OPEN(float, moved);
+  OPEN(const float, q);
+  const ulong i = get_global_id(0);
+  if (i >= n) return;
+  for (int r = 0; r < 2; r++)
+    moved[r * moved_stride + i] = q[r * q_stride + i] + (motion.m[3 * r] * q[i] + motion.m[3 * r + 1] * q[q_stride + i] +
+                                                         motion.m[3 * r + 2]);
+}
+
 /* x = clamp(q + d, -1, 1), two rows; NaN stays */
 kernel void torso_deform_fwd(ROWS(float, x), ROWS(const float, q), ROWS(const float, d), ulong n) {
   OPEN(float, x);

@@ -178,7 +178,7 @@ fail:
 
 /* Reads a frame's data without its pixels. It reads the headers of the pictures, so that a bad file is reported now and
  * not hours later. */
-static ern_status open_frame(ern_clip *clip, ern_clip_frame *frame, const float *blink) {
+static ern_status open_frame(ern_clip *clip, ern_clip_frame *frame, const float *blink, const float (*motion)[6]) {
   ern_status status = ERN_OK;
   char *path = NULL;
   if (blink != NULL) {
@@ -186,6 +186,10 @@ static ern_status open_frame(ern_clip *clip, ern_clip_frame *frame, const float 
     frame->eye = (raw < 0 ? 0.0f : raw > 2 ? 2.0f : raw) / 2; /* clamp(AU45_r, 0, 2)/2 */
   }
   fold(clip, &frame->eye, sizeof frame->eye);
+  if (motion != NULL) {
+    memcpy(frame->torso_motion, motion[frame->pose.img_id], sizeof frame->torso_motion);
+    fold(clip, frame->torso_motion, sizeof frame->torso_motion);
+  }
   ERN_TRY(check_picture(clip, ERN_PART_TRUTH, frame->pose.img_id));
   if (clip->info.has_torso) ERN_TRY(check_picture(clip, ERN_PART_TORSO, frame->pose.img_id));
   if (clip->info.has_parsing) ERN_TRY(check_picture(clip, ERN_PART_PARSING, frame->pose.img_id));
@@ -200,7 +204,8 @@ fail:
   return status;
 }
 
-static ern_status open_split(ern_clip *clip, ern_split split, const ern_pose_list *list, const float *blink) {
+static ern_status open_split(ern_clip *clip, ern_split split, const ern_pose_list *list, const float *blink,
+                             const float (*motion)[6]) {
   ern_status status = ERN_OK;
   ERN_TRY(ERN_NEW(clip->context, list->count, &clip->frames[split]));
   ERN_TRY(ERN_NEW(clip->context, list->count, &clip->truth.kept[split]));
@@ -210,7 +215,7 @@ static ern_status open_split(ern_clip *clip, ern_split split, const ern_pose_lis
   const int64_t windows = (int64_t)clip->features.windows;
   for (size_t i = 0; i < list->count; i++) {
     clip->frames[split][i].pose = list->poses[i];
-    ERN_TRY(open_frame(clip, &clip->frames[split][i], blink));
+    ERN_TRY(open_frame(clip, &clip->frames[split][i], blink, motion));
     if (list->poses[i].aud_id >= windows) clip->frames[split][i].pose.aud_id = windows - 1;
   }
 fail:
@@ -257,7 +262,7 @@ static ern_status open_parts(ern_clip *clip, const ern_clip_options *options) {
   ern_status status = ERN_OK;
   ern_context *context = clip->context;
   ern_pose_list lists[2] = {0};
-  float *blink = NULL;
+  float *blink = NULL, (*motion)[6] = NULL;
   size_t blink_count = 0;
   int64_t img_id = 0, aud_id = 0;
   char identity[65] = "";
@@ -282,13 +287,16 @@ static ern_status open_parts(ern_clip *clip, const ern_clip_options *options) {
   ERN_TRY(verify_identity(clip, identity));
   ERN_TRY(ern_clip_blink(context, clip->folder, img_id, &blink, &blink_count));
   clip->info.has_blink = blink != NULL;
+  ERN_TRY(ern_clip_motion(context, clip->folder, img_id, &motion));
+  clip->info.has_torso_motion = motion != NULL;
   ERN_TRY(find_optional(clip));
   clip->hash = 0xcbf29ce484222325;
-  ERN_TRY(open_split(clip, ERN_SPLIT_TRAIN, &lists[ERN_SPLIT_TRAIN], blink));
-  ERN_TRY(open_split(clip, ERN_SPLIT_VAL, &lists[ERN_SPLIT_VAL], blink));
+  ERN_TRY(open_split(clip, ERN_SPLIT_TRAIN, &lists[ERN_SPLIT_TRAIN], blink, (const float(*)[6])motion));
+  ERN_TRY(open_split(clip, ERN_SPLIT_VAL, &lists[ERN_SPLIT_VAL], blink, (const float(*)[6])motion));
   snprintf(clip->fingerprint, sizeof clip->fingerprint, "%016" PRIx64, clip->hash);
 fail:
   ern_release(context, blink);
+  ern_release(context, motion);
   ern_pose_list_free(context, &lists[ERN_SPLIT_TRAIN]);
   ern_pose_list_free(context, &lists[ERN_SPLIT_VAL]);
   return status;

@@ -25,7 +25,8 @@ enum ern_clip_content {
   ERN_CLIP_HUBERT,
   ERN_CLIP_FEATURES,
   ERN_CLIP_CEPSTRA,
-  ERN_CLIP_ARTICULATORY
+  ERN_CLIP_ARTICULATORY,
+  ERN_CLIP_MOTION
 };
 /* *path = that file or folder of the clip, owned by the caller (ern_release). */
 ERN_NODISCARD ern_status ern_clip_path(ern_context *context, const char *folder, enum ern_clip_content content,
@@ -71,6 +72,11 @@ const char *ern_clip_features_kind(const char *name, const char *asr_model, cons
  * there is no au.csv. */
 ERN_NODISCARD ern_status ern_clip_blink(ern_context *context, const char *folder, int64_t largest_img_id, float **blink,
                                         size_t *count);
+
+/* *motion [rows][6], of torso.csv, owned by the caller, with a row for every img_id up to the largest; NULL where there
+ * is no torso.csv. */
+ERN_NODISCARD ern_status ern_clip_motion(ern_context *context, const char *folder, int64_t largest_img_id,
+                                         float (**motion)[6]);
 
 /* RMS deviation of the features from their mean over the windows, over their RMS. */
 ERN_NODISCARD ern_status ern_clip_feature_change(ern_context *context, const ern_features *features, double *relative);

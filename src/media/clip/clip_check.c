@@ -336,6 +336,22 @@ static void check_blink(struct report *report) {
   ern_release(report->context, blink);
 }
 
+static void check_motion(struct report *report) {
+  int64_t img_id = 0, aud_id = 0;
+  float(*motion)[6] = NULL;
+  ern_clip_largest_ids(report->lists, &img_id, &aud_id);
+  const ern_status status = ern_clip_motion(report->context, report->folder, img_id, &motion);
+  if (status != ERN_OK)
+    say_wrong(report, status, "`ernerf prepare` makes it from the video.");
+  else if (motion != NULL)
+    add_line(report, THERE, "torso.csv: where the body is in each frame; the torso moves with it.");
+  else if (report->torso)
+    add_line(report, OPTIONAL,
+             "torso.csv: missing. The torso follows the head's pose alone, and is soft where the body moves by itself; "
+             "`ernerf prepare` makes it from the video.");
+  ern_release(report->context, motion);
+}
+
 /* Only the viewer needs the sound: an error in it does not prevent training. */
 static void check_sound(struct report *report) {
   char path[PATH_BYTES];
@@ -433,6 +449,7 @@ ern_status ern_clip_check(ern_context *context, const char *folder,
     check_background(&report);
     check_frames(&report);
     check_blink(&report);
+    check_motion(&report);
     check_sound(&report);
     report_prepare(&report);
     summarise(&report);

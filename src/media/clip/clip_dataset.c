@@ -35,6 +35,7 @@ static ern_status frame(void *user, int split, size_t index, ern_dataset_frame *
   const ern_clip_frame *from = ern_clip_frame_at(user, (ern_split)split, index);
   *out = (ern_dataset_frame){.aud_id = from->pose.aud_id, .eye = from->eye, .has_face = from->has_landmarks};
   memcpy(out->matrix, from->pose.matrix, sizeof out->matrix);
+  memcpy(out->torso_motion, from->torso_motion, sizeof out->torso_motion);
   if (!from->has_landmarks) return ERN_OK;
   out->face = box_of(from->landmarks, 0, 68);
   out->lower_face = box_of(from->landmarks, 2, 15);  /* the jaw below the ears */
@@ -83,7 +84,8 @@ static ern_dataset dataset_of(ern_clip *clip) {
                                       .pixels = pixels,
                                       .speech = info.speech,
                                       .speech_network = info.speech_network,
-                                      .fingerprint = ern_clip_fingerprint(clip)};
+                                      .fingerprint = ern_clip_fingerprint(clip),
+                                      .has_torso_motion = info.has_torso_motion};
   if (info.has_parsing) dataset.head = head;
   dataset.copies = ern_clip_speech_copies(clip, &dataset.copy_count);
   dataset.copy_share = dataset.copy_count > 0 ? 0.5f : 0;

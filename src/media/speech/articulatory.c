@@ -20,7 +20,7 @@ static const int dilations[BLOCKS] = {1, 2, 4, 1, 2, 4};
  * weight in it decays with a time constant of `memory` rows. */
 static const double prior = 50, memory = 500;
 
-/* The file's bytes (cmake/embed_files.cmake). */
+/* The file's bytes (cmake/embed.cmake). */
 extern const unsigned char ern_weights_text_articulatory[];
 extern const size_t ern_weights_bytes_articulatory;
 

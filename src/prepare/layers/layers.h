@@ -81,6 +81,26 @@ ERN_NODISCARD ern_status ern_layer_torso(ern_context *context, const uint8_t *rg
 void ern_layer_frame(const uint8_t *rgb, const uint8_t *alpha, const uint8_t *behind, const uint8_t *parts,
                      const uint8_t *background, bool head_only, int side, uint8_t *frame);
 
+/* What all frames are compared with to find where the body is: neck and torso over the background. rgba: a frame's
+ * torso picture, [side][side][4]; parts: [side][side] of enum ern_layer_part, read where they are neck or torso. */
+struct ern_body_reference;
+/* The reference is that frame, until ern_body_reference_mean. background: [side][side] RGB. */
+ERN_NODISCARD ern_status ern_body_reference_make(ern_context *context, int side, const uint8_t *background,
+                                                 const uint8_t *rgba, const uint8_t *parts,
+                                                 struct ern_body_reference **reference);
+void ern_body_reference_free(struct ern_body_reference *reference); /* accepts NULL */
+/* Adds a frame, moved onto the reference, to the mean picture, which ern_body_reference_mean makes the reference. */
+ERN_NODISCARD ern_status ern_body_reference_add(struct ern_body_reference *reference, const uint8_t *rgba,
+                                                const uint8_t *parts);
+ERN_NODISCARD ern_status ern_body_reference_mean(struct ern_body_reference *reference);
+/* motion: ern_frame_input.torso_motion of a frame; *found false: the frame shows too little of the body. */
+ERN_NODISCARD ern_status ern_body_reference_find(struct ern_body_reference *reference, const uint8_t *rgba,
+                                                 const uint8_t *parts, float motion[6], bool *found);
+
+/* Writes torso.csv of the pictures that the step has written; reports progress from `done` of `total` on. */
+ERN_NODISCARD ern_status ern_prepare_body_motion(struct ern_prepare_job *job, const struct ern_layer_face *faces,
+                                                 const uint8_t *background, size_t done, size_t total);
+
 /* A network that segments a person: one picture of three channels in (NCHW), one or two channels out. */
 struct ern_person_network;
 ERN_NODISCARD ern_status ern_person_network_open(ern_context *context, const char *path,

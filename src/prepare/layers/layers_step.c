@@ -366,11 +366,15 @@ static void check_person(struct ern_prepare_job *job, const struct ern_person_fo
 ern_status ern_prepare_layers(struct ern_prepare_job *job) {
   ern_status status = ERN_OK;
   struct layers l = {.job = job};
-  const size_t examples = job->frames < EXAMPLES ? job->frames : EXAMPLES, total = examples + job->frames;
+  const size_t examples = job->frames < EXAMPLES ? job->frames : EXAMPLES,
+               total = examples + (job->options->head_only ? 1 : 2) * job->frames;
   char path[ERN_PREPARE_PATH];
+  ERN_TRY(ern_prepare_remove_made(job, "torso.csv")); /* an older one, of other frames */
   ERN_TRY(open_layers(&l, job));
   ERN_TRY(learn(&l, total));
   ERN_TRY(cut_out(&l, examples, total));
+  if (!job->options->head_only)
+    ERN_TRY(ern_prepare_body_motion(job, l.faces, ern_person_model_background(l.model), examples + job->frames, total));
   memcpy(l.rgba, ern_person_model_background(l.model), 3 * (size_t)job->side * (size_t)job->side);
   const ern_image background = {.width = job->side, .height = job->side, .channels = 3, .data = l.rgba};
   ERN_TRY(ern_prepare_register_output(job, "bc.jpg", path));

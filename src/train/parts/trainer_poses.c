@@ -17,6 +17,7 @@ static const double reach_turn = 0.3 * 3.14159265358979323846 / 180, reach_move 
 static const double most_turn = 0.06 * 3.14159265358979323846 / 180, most_move = 0.3e-3;
 static const double path_share = 0.1; /* of the distance to where the path bends least, per visit */
 static const double beta2 = 0.99;
+static const double ridge = 0.3; /* of ern_pose_regression_fit (docs/results.md) */
 
 /* ---- the clip's own path ----------------------------------------------------------------------------------------- */
 
@@ -184,7 +185,7 @@ ern_status ern_trainer_poses_download(const struct ern_trainer_poses *p) {
       row[N * i + 3 + k] = model->camera[3 * (model->cameras + begin + i) + k];
     }
   }
-  ern_pose_regression_fit(&t->model->unseen, pose, row, count);
+  ern_pose_regression_fit(&t->model->unseen, pose, row, count, ridge);
   give_predicted(t);
 fail:
   ern_release(t->context, pose);

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * Writes and reads the state for a resume: weights, second moments, average, density grid, step. */
 #include "train/parts/trainer_state.h"
+#include "train/parts/trainer_motion.h"
 
 #include <errno.h>
 #include <fcntl.h>
@@ -438,6 +439,7 @@ ern_status ern_trainer_resume(struct ern_trainer_state *state, bool *resumed) {
     ERN_TRY(ern_trainer_choose_precision(t, best.path, best.about.config.precision));
   describe(state, &here);
   ERN_TRY(ern_state_about_check(t, best.path, &best.about, &here, &best.model->view));
+  ERN_TRY(ern_trainer_motion_follow(t, best.model, best.path, true));
   ERN_TRY(take_state(state, &best.file, best.path, &best.about, best.model));
   ern_trainer_keep_consent(t, best.model);
   state->fine->from = best.about.fine_from;
@@ -542,6 +544,7 @@ ern_status ern_trainer_take_file(struct ern_trainer_state *state, const char *pa
             foreign ? "of the frames of another clip, and are left out" : "not trained on, nor applied while training");
   ERN_TRY(ern_trainer_check_view(t, path, &c.model->view, c.model->field.config.torso, false));
   if (t->config.torso && t->model->cameras == 0 && !foreign) ERN_TRY(ern_trainer_copy_camera(t->model, c.model));
+  ERN_TRY(ern_trainer_motion_follow(t, c.model, path, false));
   ERN_TRY(take_over(t, path, &c.model));
   const char *text = ern_tensor_file_metadata(&c.file, "ernerf.state");
   if (text != NULL) {

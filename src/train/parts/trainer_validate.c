@@ -65,7 +65,8 @@ static ern_status render(const struct ern_trainer_speech *speech, const struct e
       .eye = about.eye,
       .individual = ERN_INDIVIDUAL_MEAN,
       .background = t->data.background,
-      .torso = t->data.has_torso && !t->config.torso ? torso : NULL};
+      .torso = t->data.has_torso && !t->config.torso ? torso : NULL,
+      .torso_motion = t->data.has_torso_motion ? about.torso_motion : NULL};
   memcpy(input.camera.pose, view.pose, sizeof view.pose);
   if (poses != NULL) {
     if (split == 0)

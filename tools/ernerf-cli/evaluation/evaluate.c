@@ -75,7 +75,8 @@ int evaluate_input(struct evaluation *evaluation, const ern_model *model, size_t
                              .eye = source_frame->eye,
                              .individual = ERN_INDIVIDUAL_MEAN,
                              .background = evaluation->background.image.data,
-                             .torso = torso};
+                             .torso = torso,
+                             .torso_motion = frame_source_motion(&evaluation->frame_source, k)};
   if (frame_source_refines(&about, &evaluation->info)) {
     memcpy(evaluation->refined, camera.pose, sizeof evaluation->refined);
     frame_source_refine(&evaluation->frame_source, model, source_frame, evaluation->refined);

@@ -30,7 +30,8 @@ static ern_frame_input input_of(struct live_job *job, const struct frame_source 
       .eye = frames->source_frame[k].eye,
       .individual = ERN_INDIVIDUAL_MEAN,
       .background = job->background.image.data,
-      .torso = torso};
+      .torso = torso,
+      .torso_motion = frame_source_motion(frames, k)};
 }
 
 /* The clip's own torso picture, where the model has no torso. */

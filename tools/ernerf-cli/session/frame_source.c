@@ -62,7 +62,8 @@ int frame_source_of_clip(struct frame_source *frame_source, struct session *sess
                                                    .cx = (float)info.cx,
                                                    .cy = (float)info.cy,
                                                    .width = info.width,
-                                                   .height = info.height}};
+                                                   .height = info.height},
+                                        .has_motion = info.has_torso_motion};
   const bool wanted[2] = {split != FRAME_SOURCE_VAL, split != FRAME_SOURCE_TRAIN};
   const size_t most = info.frames[0] + info.frames[1];
   frame_source->source_frame = calloc(most > 0 ? most : 1, sizeof *frame_source->source_frame);
@@ -74,8 +75,9 @@ int frame_source_of_clip(struct frame_source *frame_source, struct session *sess
   for (int s = 0; s < 2; s++) {
     for (size_t i = 0; wanted[s] && i < info.frames[s]; i++) {
       const ern_clip_frame *frame = ern_clip_frame_at(clip, (ern_split)s, i);
-      frame_source->source_frame[frame_source->count++] =
-          (struct source_frame){.pose = frame->pose, .split = (ern_split)s, .index = i, .eye = frame->eye};
+      struct source_frame *to = &frame_source->source_frame[frame_source->count++];
+      *to = (struct source_frame){.pose = frame->pose, .split = (ern_split)s, .index = i, .eye = frame->eye};
+      memcpy(to->motion, frame->torso_motion, sizeof to->motion);
     }
   }
   if (frame_source->count == 0)
@@ -122,6 +124,7 @@ void frame_source_hold_pose(struct frame_source *frame_source, size_t frame) {
     struct source_frame *source_frame = &frame_source->source_frame[k];
     source_frame->pose.img_id = held.pose.img_id;
     memcpy(source_frame->pose.matrix, held.pose.matrix, sizeof held.pose.matrix);
+    memcpy(source_frame->motion, held.motion, sizeof held.motion);
     source_frame->split = held.split;
     source_frame->index = held.index;
   }
@@ -172,6 +175,7 @@ struct source_frame frame_source_between(const struct source_frame *frame, struc
   if (at.toward <= 0) return source_frame;
   const struct source_frame *to = from + 1, *nearer = at.toward < 0.5 ? from : to;
   ern_pose_interpolate(source_frame.pose.matrix, from->pose.matrix, to->pose.matrix, at.toward);
+  for (int i = 0; i < 6; i++) source_frame.motion[i] += source_frame.toward * (to->motion[i] - from->motion[i]);
   source_frame.pose.img_id = nearer->pose.img_id;
   source_frame.split = nearer->split;
   source_frame.index = nearer->index;
@@ -252,6 +256,10 @@ void frame_source_windows(const struct frame_source *frame_source, size_t k, con
   const size_t values = (size_t)AUDIO_WINDOWS * (size_t)features->window_length * (size_t)features->width;
   frame_windows(frame_source, frame_source_after(frame_source, k), features, pad, frame_source->second);
   for (size_t i = 0; i < values; i++) windows[i] += toward * (frame_source->second[i] - windows[i]);
+}
+
+const float *frame_source_motion(const struct frame_source *frame_source, size_t k) {
+  return frame_source->has_motion ? frame_source->source_frame[k].motion : NULL;
 }
 
 ern_camera frame_source_camera(const struct frame_source *frame_source, size_t k, float scale, int width, int height,

@@ -12,6 +12,7 @@
  * them. */
 struct source_frame {
   ern_pose pose;   /* pose.aud_id is the row of the features for frame `place` */
+  float motion[6]; /* of the body (ern_frame_input.torso_motion), where frame_source.has_motion */
   ern_split split; /* with a clip: frame `index` of that split is the nearer of the two frames */
   size_t index;
   float eye;     /* 0..1 */
@@ -29,6 +30,7 @@ struct frame_source {
   float *second;              /* scratch for windows, if `frame` is not NULL */
   int64_t *trained;           /* [trained_count] img_id of a clip's training frames; NULL without a clip */
   size_t trained_count;
+  bool has_motion;
   ern_camera camera; /* all but the pose; the size is that of the poses' file */
 };
 
@@ -84,6 +86,8 @@ const struct source_frame *frame_source_before(const struct frame_source *frame_
 const struct source_frame *frame_source_after(const struct frame_source *frame_source, size_t k);
 /* The time of frame k in the speech, seconds. */
 double frame_source_seconds(const struct frame_source *frame_source, size_t k);
+/* Where the body is in frame k (ern_frame_input.torso_motion); NULL where it is not known. */
+const float *frame_source_motion(const struct frame_source *frame_source, size_t k);
 /* The camera of frame k for a picture of the given size, into which the frame is fitted by `fit`. */
 ern_camera frame_source_camera(const struct frame_source *frame_source, size_t k, float scale, int width, int height,
                                ern_fit fit);

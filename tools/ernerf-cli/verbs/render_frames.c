@@ -57,7 +57,8 @@ ern_status render_frame(const struct render_job *job, ern_renderer *renderer, si
                                  .background = job->background.image.data,
                                  .torso = torso,
                                  .silence_code = job->silence_pose.code,
-                                 .silence_weight = silence_pose_weight(&job->silence_pose, &job->frame_source, k)};
+                                 .silence_weight = silence_pose_weight(&job->silence_pose, &job->frame_source, k),
+                                 .torso_motion = frame_source_motion(&job->frame_source, k)};
   return ern_renderer_frame(renderer, &input, output, times);
 }
 
