@@ -459,7 +459,7 @@ def write(path, tensors):
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("out")
-    parser.add_argument("--steps", type=int, default=2500)
+    parser.add_argument("--steps", type=int, default=2200)
     parser.add_argument("--hours", type=float, default=1.5, help="of espeak-ng's voices")
     parser.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args()
