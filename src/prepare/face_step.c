@@ -184,6 +184,9 @@ static ern_status scan_video(struct scan *s) {
   struct ern_footage footage = {0};
   const ern_image *image = NULL;
   ERN_TRY(ern_footage_open(s->job, &footage));
+  if (strstr(footage.info.other_streams, "(video") != NULL)
+    ern_log(s->job->context, ERN_LOG_WARNING, "%s: has other pictures too, %s, which are not read; expected one track",
+            s->job->video, footage.info.other_streams);
   s->width = footage.info.width;
   s->height = footage.info.height;
   s->aspect = footage.info.pixel_aspect;

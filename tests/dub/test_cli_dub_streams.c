@@ -59,18 +59,18 @@ static void append_streams(const char *const from[2], const char *to) {
   av_packet_free(&packet);
 }
 
-/* Copies clip.mp4 with its sound twice and with subtitles, as Matroska. */
+/* Copies clip.mp4 with its sound twice, with subtitles, and with a second track of pictures, as Matroska. */
 static void copy_with_more(const char *to) {
   AVFormatContext *in = NULL, *out = NULL;
   AVPacket *packet = av_packet_alloc();
   assert_true(packet != NULL && avformat_open_input(&in, "clip.mp4", NULL, NULL) >= 0);
   assert_true(avformat_alloc_output_context2(&out, NULL, "matroska", to) >= 0);
-  for (unsigned i = 0; i < 4; i++) { /* pictures, sound, sound, subtitles */
+  for (unsigned i = 0; i < 5; i++) { /* pictures, sound, sound, subtitles, pictures */
     AVStream *stream = avformat_new_stream(out, NULL);
     assert_non_null(stream);
     stream->codecpar->codec_type = AVMEDIA_TYPE_SUBTITLE;
     stream->codecpar->codec_id = AV_CODEC_ID_SUBRIP;
-    if (i < 3) assert_true(avcodec_parameters_copy(stream->codecpar, in->streams[i < 2 ? i : 1]->codecpar) >= 0);
+    if (i != 3) assert_true(avcodec_parameters_copy(stream->codecpar, in->streams[i == 1 || i == 2]->codecpar) >= 0);
     stream->codecpar->codec_tag = 0;
   }
   assert_true(avio_open(&out->pb, to, AVIO_FLAG_WRITE) >= 0 && avformat_write_header(out, NULL) >= 0);
@@ -96,7 +96,14 @@ static void test_other_streams(void **state) {
   support_ok(context, ern_file_sha256(context, "more.mkv", hash));
   write_record(hash, 0);
   cli_run(&cli, "dub h.safetensors more.mkv --clip clip --audio clip/aud.wav -o more.mp4 -y --frames 0:1");
-  cli_expect(&cli, 0, "warning: more.mkv: stream 2 (audio, aac), stream 3 (subtitle, subrip): not in the output", NULL);
+  cli_expect(&cli, 0,
+             "warning: more.mkv: stream 2 (audio, aac), stream 3 (subtitle, subrip), stream 4 (video, h264): not in "
+             "the output",
+             NULL);
+#if ERN_PREPARE
+  cli_run(&cli, "prepare more.mkv -o prepared --only face"); /* too short */
+  cli_expect(&cli, 1, "more.mkv: has other pictures too", "stream 4 (video, h264), which are not read", NULL);
+#endif
   write_record(NULL, 0);
   cli_run(&cli, "dub h.safetensors clip.mp4 --clip clip --audio clip/aud.wav -o more.mp4 -y --frames 0:1");
   cli_expect(&cli, 0, NULL);
