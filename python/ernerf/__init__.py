@@ -65,6 +65,12 @@ def _path(value, name):
     return encoded
 
 
+def _text(value, name):
+    if not isinstance(value, str):
+        raise TypeError(f"{name} is {value!r}, expected a str")
+    return value.encode()
+
+
 def _real(value, name):
     if isinstance(value, (bool, np.bool_)) or not isinstance(value, numbers.Real):
         raise TypeError(f"{name} is {value!r}, expected a number")
@@ -310,9 +316,10 @@ class Context(_Object):
         """Speech features of a .npy file, float32 [windows, window_length, width]."""
         return self._features_of(self._engine.ern_features_load, _path(path, "path"))
 
-    def speech(self, path, warp=1.0):
-        """The built-in speech features of a sound file, float32 [windows, 16, 13]."""
-        return self._features_of(self._media.ern_speech_features, _path(path, "path"), _real(warp, "warp"))
+    def speech(self, path, warp=1.0, kind="articulatory-1"):
+        """The speech features of a sound file, float32 [windows, 16, 45], or 13 wide of the kind "cepstra-1"."""
+        return self._features_of(self._media.ern_speech_features_kind, _path(path, "path"), _text(kind, "kind"),
+                                 _real(warp, "warp"))
 
     def dub_box(self, width, height, landmarks, square=None):
         """x, y, width and height of the part of a frame that dub_frame may draw on; width 0: none.

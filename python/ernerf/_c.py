@@ -291,7 +291,7 @@ MEDIA = {
     "ern_dub_box_sized": (Status, OBJECT, POINTER(DubInput), c_size_t, POINTER(c_int)),
     "ern_dub_wanted_sized": (Status, OBJECT, POINTER(DubInput), c_size_t, POINTER(c_uint8)),
     "ern_dub_frame_sized": (Status, OBJECT, POINTER(DubInput), c_size_t, POINTER(c_uint8), POINTER(c_bool)),
-    "ern_speech_features": (Status, OBJECT, c_char_p, c_float, POINTER(Features)),
+    "ern_speech_features_kind": (Status, OBJECT, c_char_p, c_char_p, c_float, POINTER(Features)),
 }
 
 

@@ -110,10 +110,11 @@ class Module(unittest.TestCase):
         self.assertEqual(tensors_of("copy.safetensors"), expected)
 
     def test_clip_and_sound(self):
-        clip = ernerf.Clip(self.context, "clip", asr_model="cepstra")
+        clip = ernerf.Clip(self.context, "clip", asr_model="articulatory")
         file = np.load("speech.npy")
         np.testing.assert_array_equal(self.context.features("speech.npy"), file)
         np.testing.assert_array_equal(self.context.speech("clip/aud.wav"), file)
+        np.testing.assert_array_equal(self.context.speech("clip/aud.wav", kind="cepstra-1"), file[:, :, :13])
         np.testing.assert_array_equal(clip.features[:len(file)], file[:len(clip.features)])
         self.assertFalse(clip.features.flags.writeable)
         with open("clip/transforms_train.json", encoding="utf-8") as text:
@@ -241,7 +242,7 @@ class Module(unittest.TestCase):
         del features, background
         gc.collect()
         self.assertEqual((context._held, model._held, clip._held, renderer._held), ([], [], [], []))
-        windows = np.zeros((8, 16, 13), np.float32)
+        windows = np.zeros((8, 16, 45), np.float32)
         for what, use in (("Model", lambda: model.save("none.safetensors")), ("Clip", lambda: clip.features),
                           ("Backend", lambda: backend.info), ("Context", lambda: context.features("speech.npy")),
                           ("Renderer", lambda: renderer.frame(view, matrix, windows)),
@@ -378,7 +379,7 @@ sys.exit(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
                 (TypeError, ("matrix", "list", "NumPy"), lambda: frame(matrix=[[1]])),
                 (TypeError, ("matrix", "MaskedArray", "NumPy"), lambda: frame(matrix=np.ma.masked_array(np.eye(4, dtype="f4")))),
                 (ValueError, ("matrix", "3, 3", "expected", "4, 4"), lambda: frame(matrix=matrix[:3, :3])),
-                (ValueError, ("windows", r"expected \(8, any, 13\)"), lambda: frame(windows=windows[:, :, :4])),
+                (ValueError, ("windows", r"expected \(8, any, 45\)"), lambda: frame(windows=windows[:, :, :4])),
                 (ValueError, ("background", "16, 32, 3"), lambda: frame(background=np.zeros((16, 32, 3), np.uint8))),
                 (TypeError, ("torso", "int64", "uint8"), lambda: frame(torso=np.zeros((32, 32, 4), int))),
                 (ValueError, ("output 'colour'", "rgb"), lambda: frame(outputs="colour")),
@@ -392,12 +393,13 @@ sys.exit(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
                 (TypeError, ("height is '32', expected an integer",), lambda: frame(view._replace(height="32"))),
                 (TypeError, ("index is '0', expected an integer",), lambda: renderer.windows(speech, "0")),
                 (TypeError, ("warp is '1', expected a number",), lambda: self.context.speech("clip/aud.wav", "1")),
+                (ernerf.Error, ('kind is "hubert"',), lambda: self.context.speech("clip/aud.wav", kind="hubert")),
                 (TypeError, ("image_scale is '1', expected a number",),
                  lambda: ernerf.Renderer(self.backend, model, image_scale="1")),
                 (TypeError, ("iters is '9', expected an integer",),
                  lambda: ernerf.Trainer(self.backend, clip, iters="9")),
                 (ernerf.Error, ("pose",), lambda: frame(matrix=np.full((4, 4), np.nan, np.float32))),
-                (ernerf.Error, ("features", "13"), lambda: renderer.windows(speech[:, :, :4], 0)),
+                (ernerf.Error, ("features", "45"), lambda: renderer.windows(speech[:, :, :4], 0)),
                 (TypeError, ("Renderer has no option steps", "max_steps"),
                  lambda: ernerf.Renderer(self.backend, model, steps=3)),
                 (ValueError, ("threads is 4294967297",),
