@@ -459,9 +459,9 @@ def write(path, tensors):
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("out")
-    parser.add_argument("--steps", type=int, default=2200)
+    parser.add_argument("--steps", type=int, default=5000)
     parser.add_argument("--hours", type=float, default=1.5, help="of espeak-ng's voices")
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--seed", type=int, default=1)
     arguments = parser.parse_args()
     torch.set_num_threads(1)
     folder = os.path.join(os.path.dirname(os.path.abspath(__file__)), "../..")
