@@ -127,6 +127,19 @@ static void test_others_long(void **state) {
   cli_expect(&cli, 1, "another kind than articulatory-1 and cepstra-1", NULL);
   cli_run(&cli, "eval mine.safetensors clip --audio mine.npy --quiet");
   cli_expect(&cli, 0, NULL);
+  /* a training that goes on, and a torso, hear the sound as the head did */
+  cli_run(
+      &cli,
+      "train clip --asr-model cepstra -o old.safetensors --iters 4 --rays 64 --levels 2 --validate-frames 1 --quiet");
+  cli_expect(&cli, 0, NULL);
+  cli_run(&cli, "train clip -o old.safetensors --resume --iters 6 --quiet");
+  cli_expect(&cli, 0, NULL);
+  cli_run(
+      &cli,
+      "train clip --torso --head old.safetensors -o both.safetensors --iters 2 --rays 64 --validate-frames 1 --quiet");
+  cli_expect(&cli, 0, NULL);
+  cli_run(&cli, "eval both.safetensors clip --quiet");
+  cli_expect(&cli, 0, NULL);
 }
 
 static void test_mouth_long(void **state) {

@@ -296,6 +296,13 @@ static int describe_from(struct train_job *job) {
   return 0;
 }
 
+/* Where nothing else is asked for, a sound is heard as the earlier model heard it. */
+static void choose_kind(struct clip_source *source, const char *kind) {
+  if (source->asr_model != NULL || source->speech_model.path != NULL) return;
+  if (strcmp(kind, ERN_SPEECH_CEPSTRA) == 0) source->asr_model = ERN_SPEECH_CEPSTRA;
+  if (strcmp(kind, ERN_SPEECH_ARTICULATORY) == 0) source->asr_model = ERN_SPEECH_ARTICULATORY;
+}
+
 /* Describes the model or state that the training continues, and selects its speech network unless an option selects
  * one. */
 static int open_earlier(struct train_job *job) {
@@ -315,8 +322,10 @@ static int open_earlier(struct train_job *job) {
   }
   if (job->head != NULL) {
     ern_model_describe(job->head, &head);
+    choose_kind(&job->source, head.speech);
     return speech_model_open(speech_model, session, job->head_path, &head);
   }
+  if (job->has_from) choose_kind(&job->source, job->from.speech);
   if (!job->has_from || speech_model->needs != NULL) return 0;
   return speech_model_open(speech_model, session, job->has_state ? job->config.output : job->config.from, &job->from);
 }
