@@ -47,8 +47,9 @@ typedef struct ern_prepare_options {
   const char *segment;
   /* A network that finds faces and eyes, FILE.onnx: YuNet (docs/prepare.md). NULL: OpenCV's cascades. */
   const char *detector;
-  double sound_offset; /* seconds, -1..1, by which the sound of the video is later than its pictures: aud.wav has what
-                          is heard so much later. Default 0 */
+  /* How much later the sound of the video is than the mouth, which aud.wav makes up for: seconds, "-1" to "1", below 0
+   * where it is earlier. "auto" or NULL (default): what the step "features" measures, where it is certain, else 0. */
+  const char *sound_offset;
 } ern_prepare_options;
 
 /* The members of ern_prepare_options in their order, cookie and size left out (setting.h); NULL past the last. */

@@ -3,6 +3,9 @@
 
 #include <math.h>
 #include <stdlib.h>
+#include <string.h>
+
+#include "io/number.h"
 
 #include "media/speech_network.h"
 #include "prepare/footage.h"
@@ -21,7 +24,18 @@ enum {
 };
 static const double least_correlation = 0.3, least_margin = 0.2;
 
-ern_status ern_prepare_sound_read(struct ern_prepare_job *job, size_t frames, ern_sound *sound, double *missing) {
+ern_status ern_sound_offset_read(ern_context *context, const char *text, double *seconds, bool *automatic) {
+  const char *at = text;
+  *seconds = 0;
+  *automatic = text == NULL || strcmp(text, "auto") == 0;
+  if (*automatic || (ern_number_read(&at, text + strlen(text), seconds) && *at == 0 && fabs(*seconds) <= 1))
+    return ERN_OK;
+  return ern_fail(context, ERN_E_ARGUMENT,
+                  "prepare: sound_offset is \"%.60s\", expected \"auto\", or seconds of -1 to 1", text);
+}
+
+ern_status ern_prepare_sound_read(struct ern_prepare_job *job, size_t frames, double offset, ern_sound *sound,
+                                  double *missing) {
   ern_status status = ERN_OK;
   struct ern_footage footage = {0};
   float *samples = NULL;
@@ -31,7 +45,7 @@ ern_status ern_prepare_sound_read(struct ern_prepare_job *job, size_t frames, er
   ERN_TRY(ern_footage_open(job, &footage));
   if (!footage.info.has_sound) goto fail;
   ERN_TRY(ern_speech_wave(job->context, job->video, RATE, &samples, &count));
-  const double begin = footage.first - footage.info.start + footage.from + job->options->sound_offset;
+  const double begin = footage.first - footage.info.start + footage.from + offset;
   const long long first = llround(begin * RATE);
   const size_t length = frames * (RATE / ERN_PREPARE_RATE);
   *missing = fmax(0, (double)(first + (long long)length - (long long)count) / RATE);

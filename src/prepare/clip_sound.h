@@ -7,11 +7,15 @@
 
 enum { ERN_PREPARE_SOUND_RATE = 16000 }; /* samples a second of aud.wav */
 
-/* The sound of `frames` frames in mono, as aud.wav has it: moved by options->sound_offset, silent where the video has
- * none; *missing: seconds at its end for which the video has no sound. data NULL: the video has no sound. The caller
- * owns it (ern_sound_free). */
-ERN_NODISCARD ern_status ern_prepare_sound_read(struct ern_prepare_job *job, size_t frames, ern_sound *sound,
-                                                double *missing);
+/* Reads options->sound_offset; *automatic: it is to be measured, and *seconds is 0. */
+ERN_NODISCARD ern_status ern_sound_offset_read(ern_context *context, const char *text, double *seconds,
+                                               bool *automatic);
+
+/* The sound of `frames` frames in mono, as aud.wav has it: what is heard `offset` seconds later, silent where the video
+ * has none; *missing: seconds at its end for which the video has no sound. data NULL: the video has no sound. The
+ * caller owns it (ern_sound_free). */
+ERN_NODISCARD ern_status ern_prepare_sound_read(struct ern_prepare_job *job, size_t frames, double offset,
+                                                ern_sound *sound, double *missing);
 
 /* The share of a sound's time in which somebody speaks: within 30 dB of its loudest 0.2 s. */
 double ern_prepare_speech_share(const ern_sound *sound);

@@ -367,7 +367,7 @@ static ern_status check_sound(struct scan *s) {
   struct ern_prepare_job *job = s->job;
   ern_sound sound = {0};
   double missing = 0;
-  const ern_status status = ern_prepare_sound_read(job, s->frames, &sound, &missing);
+  const ern_status status = ern_prepare_sound_read(job, s->frames, 0, &sound, &missing);
   if (status != ERN_OK || sound.data == NULL) return status;
   int loudest = 0;
   for (size_t i = 0; i < sound.frames; i++)

@@ -28,51 +28,75 @@ fail:
   return status;
 }
 
-/* The sound of a mouth is heard 0.04 s after it is seen, as the mouth moves ahead of its sounds. */
-static const double usual_lag = 0.04, tolerated = 0.05; /* seconds */
+/* A mouth moves about 0.04 s ahead of its sound. */
+static const double usual_lag = 0.04, tolerated = 0.06; /* seconds */
 
-static ern_status check_lag(struct ern_prepare_job *job, const char *wav) {
+/* *late: how much later the sound `wav` of the clip is than the mouth; 0 where that is not certain, or too little. */
+static ern_status measure_lag(struct ern_prepare_job *job, const char *wav, double *late) {
   ern_status status = ERN_OK;
   float *opening = NULL;
   ern_features cepstra = {0};
   struct ern_sound_lag lag;
+  *late = 0;
   ERN_TRY(ERN_NEW(job->context, job->frames, &opening));
   ERN_TRY(openings_of(job, opening));
   ERN_TRY(ern_speech_features(job->context, wav, 1, &cepstra));
   ERN_TRY(ern_sound_lag_measure(job->context, &cepstra, opening, job->frames, &lag));
   ern_prepare_figure(job, "sound_fits", lag.correlation);
-  const double late = lag.seconds - usual_lag;
   if (!lag.certain) goto fail;
-  ern_prepare_figure(job, "sound_late", late);
-  if (fabs(late) > tolerated)
-    ern_prepare_add_reason(job, ERN_PREPARE_GOOD,
-                           "the sound is %.2f s %s than the mouth; --sound-offset %.2f puts them together", fabs(late),
-                           late > 0 ? "later" : "earlier", job->options->sound_offset + late);
+  ern_prepare_figure(job, "sound_late", lag.seconds - usual_lag);
+  if (fabs(lag.seconds - usual_lag) > tolerated) *late = lag.seconds - usual_lag;
 fail:
   ern_features_free(job->context, &cepstra);
   ern_release(job->context, opening);
   return status;
 }
 
-static ern_status write_sound(struct ern_prepare_job *job) {
+/* Writes aud.wav; *share: ern_prepare_speech_share, or -1: the video has no sound. */
+static ern_status write_wav(struct ern_prepare_job *job, double offset, char path[ERN_PREPARE_PATH], double *share) {
   ern_status status = ERN_OK;
   ern_sound sound = {0};
   double missing = 0;
-  char path[ERN_PREPARE_PATH];
-  ERN_TRY(ern_prepare_sound_read(job, job->frames, &sound, &missing));
+  *share = -1;
+  ERN_TRY(ern_prepare_sound_read(job, job->frames, offset, &sound, &missing));
   if (sound.data == NULL) return ern_prepare_remove_made(job, "aud.wav");
-  const double share = ern_prepare_speech_share(&sound);
+  *share = ern_prepare_speech_share(&sound);
+  ERN_TRY(ern_prepare_register_output(job, "aud.wav", path));
+  ERN_TRY(ern_sound_write_wav(job->context, path, &sound));
+fail:
+  ern_sound_free(job->context, &sound);
+  return status;
+}
+
+static ern_status write_sound(struct ern_prepare_job *job) {
+  ern_status status = ERN_OK;
+  char path[ERN_PREPARE_PATH];
+  double offset = 0, late = 0, share = 0;
+  bool automatic = false;
+  ERN_TRY(ern_sound_offset_read(job->context, job->options->sound_offset, &offset, &automatic));
+  ERN_TRY(write_wav(job, offset, path, &share));
+  if (share < 0) return ERN_OK;
   ern_prepare_figure(job, "speech", share);
   if (share < LEAST_SPEECH && job->options->features == NULL)
     ern_prepare_add_reason(job, ERN_PREPARE_DOUBTFUL,
                            "speech is heard in %.0f %% of the time; a mouth is learnt from speech: --from, --to and "
                            "--segment choose another part",
                            100 * share);
-  ERN_TRY(ern_prepare_register_output(job, "aud.wav", path));
-  ERN_TRY(ern_sound_write_wav(job->context, path, &sound));
-  ERN_TRY(check_lag(job, path));
+  ERN_TRY(measure_lag(job, path, &late));
+  if (late == 0) return ERN_OK;
+  const char *where = late > 0 ? "later" : "earlier";
+  if (automatic) {
+    ERN_TRY(write_wav(job, late, path, &share));
+    ern_prepare_add_reason(
+        job, ERN_PREPARE_GOOD,
+        "the sound of the video is %.2f s %s than the mouth, and that of the clip is moved by as much "
+        "(--sound-offset 0 leaves it)",
+        fabs(late), where);
+  } else {
+    ern_prepare_add_reason(job, ERN_PREPARE_GOOD, "the sound is %.2f s %s than the mouth: --sound-offset %.2f",
+                           fabs(late), where, offset + late);
+  }
 fail:
-  ern_sound_free(job->context, &sound);
   return status;
 }
 

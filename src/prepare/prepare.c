@@ -12,6 +12,7 @@
 #include "core/format.h"
 #include "core/sized.h"
 #include "io/file.h"
+#include "prepare/clip_sound.h"
 #include "prepare/prepare_job.h"
 #include "prepare/prepare_record.h"
 #include "prepare/report.h"
@@ -60,8 +61,8 @@ static void settings_of(const struct ern_prepare_job *job, size_t step, char set
     case 4: snprintf(settings, SETTINGS, "au %s", ern_prepare_fingerprint(o->au, a)); break;
     case 5:
       ern_format(settings, SETTINGS, "features %s", ern_prepare_fingerprint(o->features, a));
-      if (o->sound_offset != 0)
-        ern_format(settings + strlen(settings), SETTINGS - strlen(settings), " sound offset %.6g", o->sound_offset);
+      if (o->sound_offset != NULL && strcmp(o->sound_offset, "auto") != 0)
+        snprintf(settings + strlen(settings), SETTINGS - strlen(settings), " sound offset %.20s", o->sound_offset);
       break;
     default: break;
   }
@@ -163,6 +164,9 @@ static ern_status check_options(ern_context *context, const ern_prepare_options 
   double length = 0, longer_than = 0;
   const ern_status status = o->segment != NULL ? ern_segment_read(context, o->segment, &length, &longer_than) : ERN_OK;
   if (status != ERN_OK) return status;
+  bool automatic = false;
+  const ern_status offset = ern_sound_offset_read(context, o->sound_offset, &length, &automatic);
+  if (offset != ERN_OK) return offset;
   if (o->to > 0 && o->to <= o->from)
     return ern_fail(context, ERN_E_ARGUMENT,
                     "prepare: from %g to %g, expected seconds of the video, with from less than to", o->from, o->to);

@@ -25,7 +25,7 @@ static const ern_setting table[] = {
     {ERN_ROW_POINTER(user, void *)},
     {ERN_ROW_TEXT(segment)},
     {ERN_ROW_TEXT(detector)},
-    {ERN_ROW_DOUBLE(sound_offset, -1, 1, 0), .help = "seconds by which the sound is later than the pictures"},
+    {ERN_ROW_TEXT(sound_offset)},
 };
 
 ERN_SETTINGS_FUNCTIONS(prepare, ern_prepare_options, 0x70726570)

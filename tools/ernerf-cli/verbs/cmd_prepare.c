@@ -13,7 +13,7 @@ struct prepare_job {
   struct progress progress;
   const char *step; /* the step whose progress is shown */
   ern_prepare_options options;
-  float from, to, focal, sound_offset; /* values of the command line */
+  float from, to, focal; /* values of the command line */
   int only;
   const char *video, *folder;
 };
@@ -64,7 +64,6 @@ static int make(struct prepare_job *job) {
   options->from = (double)job->from;
   options->to = (double)job->to;
   options->focal = (double)job->focal;
-  options->sound_offset = (double)job->sound_offset;
   options->only = job->only >= 0 ? steps[job->only] : NULL;
   options->anew = session->overwrite;
   options->progress = say_progress;
@@ -119,10 +118,9 @@ int cmd_prepare(int argc, char **argv) {
        .help = "pixels a side of the clip's square pictures, 128 to 1024"},
       {ARGS_FLOAT("focal", &job.focal, 0, 1e5), .choices = "PIXELS",
        .help = "focal length in pixels of the clip's pictures (default 1100/450 of their side)"},
-      {ARGS_FLOAT("sound-offset", &job.sound_offset, -1, 1), .choices = "SECONDS",
-       .help =
-           "how much later the sound is than the mouth (earlier: below 0), which the clip's sound makes up for; the "
-           "step features says it where it can"},
+      {ARGS_TEXT("sound-offset", &o->sound_offset), .choices = "auto|SECONDS",
+       .help = "how much later the sound is than the mouth, -1 to 1, which the clip's sound makes up for; auto: as "
+               "measured, where that is certain (default auto)"},
       {ARGS_FLAG("head-only", &o->head_only),
        .help = "make a clip of the head alone: for footage that does not show the shoulders"},
       {ARGS_CHOICE("only", &job.only, only_choices), .help = "this step alone, also where it was done already"}};
