@@ -388,8 +388,8 @@ def batch_of(made, mean, dice, count, changed):
 def train(made, steps, seed):
     torch.manual_seed(seed)
     dice = np.random.default_rng(seed)
-    held = [m for m in made if m[0].endswith(("+f2", "+m3", "+Alicia", "+anika"))]
-    made = [m for m in made if m not in held] if len(held) < 2 else [m for m in made if not any(m is h for h in held)]
+    aside = ("+f2", "+m3", "+Alicia", "+anika")
+    held, made = [m for m in made if m[0].endswith(aside)], [m for m in made if not m[0].endswith(aside)]
     every = np.concatenate([m[1] for m in made[::5]]).astype(np.float32)
     mean, spread = every.mean(0).astype(np.float64), torch.from_numpy(every.std(0))[None, :, None]
     variance = torch.from_numpy(np.concatenate([m[4] for m in made[:200]])).var(0)[None, :, None]
