@@ -375,8 +375,10 @@ typedef struct ern_clip_options {
   const char *features;  /* a file of features, or a sound to compute them of (ern_speech_open), instead of the clip's
                             own; NULL (default): the clip's. Must outlive the open call */
   const char *asr_model; /* "deepspeech" (aud_ds.npy), "esperanto" (aud_eo.npy), "hubert" (aud_hu.npy), "cepstra"
-                            (aud_cep.npy, else computed of aud.wav); NULL (default): the first that is there of aud_ds,
-                            aud_eo, aud_hu, aud, aud_cep, aud.wav */
+                            (aud_cep.npy, else computed from aud.wav), "articulatory" (aud_art.npy, else computed from
+                            aud.wav); NULL (default): the first that is there of aud_ds, aud_eo, aud_hu, aud, aud_cep,
+                            aud_art, aud.wav, of which articulatory features are computed. Where `features` is a sound,
+                            the built-in kind that is computed from it */
   struct ern_speech_network *network; /* computes the features (speech.h) of the sound `features`, or of aud.wav where
                                          that is NULL; asr_model is then ignored. NULL (default): no network. Must
                                          outlive the open call */

@@ -12,13 +12,13 @@
 extern "C" {
 #endif
 
-/* The built-in kinds of features, which are computed of a sound without a network of the user's. 50 rows a second; a
- * row is one vector of features. Models that were trained on a built-in kind have its name in ern_model_info.speech;
- * ern_clip_options.asr_model calls the kinds "articulatory" and "cepstra" (docs/speech.md).
+/* The built-in kinds of features. The library computes them from a sound, without a network of the user's: 50 rows a
+ * second, a row being one vector of features. Models that were trained on a built-in kind have its name in
+ * ern_model_info.speech; ern_clip_options.asr_model calls the kinds "articulatory" and "cepstra" (docs/speech.md).
  *
  * ERN_SPEECH_ARTICULATORY: the 13 numbers of ERN_SPEECH_CEPSTRA, then 32 of -1.5 to 1.5, the last layer of a small
- * network that was trained on speech of known phonemes to tell them and the places of jaw, lips and tongue. They tell
- * of the sound 80 ms before the middle of the row's own 20 ms.
+ * network that was trained on speech of known phonemes to recognise them and the places of jaw, lips and tongue. They
+ * describe the sound 80 ms before the middle of the row's own 20 ms.
  *
  * ERN_SPEECH_CEPSTRA: 13 mel-frequency cepstral coefficients. The power of a row is divided by a level, the largest
  * power of the rows so far; at each row that is within 30 dB of it, the level decays with a time constant of 10 s.

@@ -6,7 +6,6 @@
 #include <string.h>
 
 #include "io/number.h"
-
 #include "media/speech_network.h"
 #include "prepare/footage.h"
 #include "prepare/jaw_weights.h"

@@ -20,8 +20,8 @@ ERN_NODISCARD ern_status ern_prepare_sound_read(struct ern_prepare_job *job, siz
 /* The share of a sound's time in which somebody speaks: within 30 dB of its loudest 0.2 s. */
 double ern_prepare_speech_share(const ern_sound *sound);
 
-/* How late the sound is: the lag at which the opening of the mouth, opening[frames], and what a linear map makes of
- * cepstra correlate best. Courses slower than a second are left out. */
+/* How late the sound is: the lag at which the opening of the mouth, opening[frames], correlates best with the opening
+ * of the jaw that a linear map predicts from cepstra. Changes slower than a second are left out. */
 struct ern_sound_lag {
   double seconds;     /* above 0: the sound is late */
   double correlation; /* at that lag */

@@ -4,7 +4,7 @@
 
 It learns from speech whose phonemes are known: espeak-ng's and flite's voices, and the labelled recordings of the Debian
 package festvox-ru (one speaker, BSD-like licence). Needs PyTorch, SciPy, libespeak-ng1, flite and festvox-ru; takes about
-20 minutes of two cores. No file of other people's weights is used.
+10 minutes. No file of other people's weights is used.
 """
 import argparse
 import ctypes
@@ -167,7 +167,7 @@ class Espeak:
 
 
 def espeak_voices(texts, seconds, dice):
-    languages = ["en-us"] * 5 + ("en-gb-scotland en-gb-x-rp de es it pt nl ru pl sv fi cs tr da nb hu ro fr-fr "
+    languages = ["en-us"] * 5 + ("en-gb-scotland en-gb-x-rp de es it pt nl ru pl sv fi cs tr da nb hu ro "
                                  "pt-br").split()
     variants = [None] + ("m1 m2 m3 m4 m5 m6 m7 m8 f1 f2 f3 f4 f5 klatt klatt2 klatt3 klatt4 Alicia Andrea Andy Annie Denis "
                          "Diogo Gene Hugo Jacky Lee Marco Mario Michael adam anika antonio belinda benjamin boris caleb "
