@@ -71,7 +71,24 @@ static void test_speech_share(void **state) {
   assert_true(fabs(ern_prepare_speech_share(&sound) - 0.1) < 0.01);
 }
 
+static void test_offset(void **state) {
+  (void)state;
+  ern_context *context = support_context();
+  static const char *const wrong[] = {"", "x", "0,1", "1.01", "-2", "0.1 s", "nan"};
+  double seconds = 7;
+  bool automatic = false;
+  support_ok(context, ern_sound_offset_read(context, NULL, &seconds, &automatic));
+  assert_true(automatic && seconds == 0);
+  support_ok(context, ern_sound_offset_read(context, "-0.12", &seconds, &automatic));
+  assert_true(!automatic && seconds == -0.12);
+  for (size_t i = 0; i < sizeof wrong / sizeof *wrong; i++)
+    support_expect(context, ern_sound_offset_read(context, wrong[i], &seconds, &automatic), ERN_E_ARGUMENT,
+                   "expected \"auto\"", NULL);
+  ern_context_free(&context);
+}
+
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_lag), cmocka_unit_test(test_speech_share)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_lag), cmocka_unit_test(test_speech_share),
+                                     cmocka_unit_test(test_offset)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }
