@@ -24,8 +24,19 @@ before=$(stat -c %Y.%i person/portrait.safetensors)
 bash "$portrait" person.mp4 --minutes 0.05 --size 192 > second.log 2>&1 || fail "a second call failed"
 [ "$before" = "$(stat -c %Y.%i person/portrait.safetensors)" ] || fail "a second call learnt again"
 
-bash "$portrait" person.mp4 --minutes 0.1 --size 192 > other.log 2>&1 && fail "other --minutes were taken"
-grep -q 'made with --minutes 0.05, found --minutes 0.1' other.log || fail "not said: --minutes"
+bash "$portrait" person.mp4 --minutes 0.04 --size 192 > other.log 2>&1 && fail "fewer --minutes were taken"
+grep -q 'trained with --minutes 0.05, found 0.04' other.log || fail "not said: --minutes"
+
+# more minutes: the head goes on, also after a stop, and the portrait of before is there until the new one is
+steps() { "$ERNERF" info person/portrait.safetensors | sed -n 's/^ *steps *head \([0-9]*\), torso \([0-9]*\)$/\1 \2/p'; }
+read -r head _ < <(steps)
+timeout -s INT 4 bash "$portrait" person.mp4 --minutes 0.15 --size 192 > stopped.log 2>&1 && fail "it ended within 4 s"
+[ -s person/portrait.safetensors ] || [ -s person/portrait.earlier.safetensors ] || fail "the portrait of before is lost"
+bash "$portrait" person.mp4 --minutes 0.15 --threads 1 --size 192 > longer.log 2>&1 || { tail -n 5 longer.log; fail "more --minutes failed"; }
+read -r more torso < <(steps)
+[ "$more" -gt "$head" ] && [ "$torso" -gt 0 ] || fail "the head has $more steps, it had $head; the torso $torso"
+[ ! -e person/portrait.earlier.safetensors ] || fail "the portrait of before is still there"
+bash "$portrait" person.mp4 --minutes 0.15 --threads x --size 192 > other.log 2>&1 && fail "--threads x was taken"
 
 bash "$portrait" person.mp4 -o bare --minutes 0.05 --size 192 --head-only > bare.log 2>&1 || fail "--head-only failed"
 [ -s bare/portrait.safetensors ] && [ ! -e bare/portrait.head.safetensors ] || fail "--head-only made a torso"
