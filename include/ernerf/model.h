@@ -116,6 +116,9 @@ typedef struct ern_model_info {
   bool dub;                        /* a head that was trained for ern_dub_frame (ERN_RAY_SAMPLING_DUB): it is exact in
                                       the lower face alone */
   bool has_torso_motion;           /* the torso was trained with the body's motion (ern_frame_input.torso_motion) */
+  float voice_fade[2];             /* speech reaches the head as a whole up to the first of these heights, not at all
+                                      from the second on: x of the scene, which points up (ern_camera); equal: it
+                                      reaches the whole head */
 } ern_model_info;
 
 /* What the model is. */

@@ -27,8 +27,10 @@ typedef struct ern_dataset_frame {
                          their maxima; each truncated to an integer. Unused without has_face */
   ern_box lower_face; /* from the base of the nose to the chin; its part outside of the picture is ignored, and one
                          without a pixel counts as unknown */
-  ern_box lips;   /* likewise, of the mouth's landmarks: where every second step of the fine stage has its patches */
-  ern_box eyes;   /* likewise, of both eyes with their lids; used where the dataset has eye values */
+  ern_box lips;   /* likewise, of the mouth's landmarks: where every second step of the fine stage has its patches; its
+                     middle is used where ern_train_config.voice_fade is true */
+  ern_box eyes;   /* likewise, of both eyes with their lids; used where the dataset has eye values; its middle, as that
+                     of the lips */
   ern_box dubbed; /* what ern_dub_frame may draw of the head, likewise */
   float torso_motion[6]; /* of the body, as of ern_frame_input; used where ern_dataset.has_torso_motion is true */
 } ern_dataset_frame;
@@ -260,6 +262,10 @@ typedef struct ern_train_config {
   bool torso_motion; /* true (default): where the dataset has the motion of the body, a torso is trained with it; false:
                         without, as published. A torso that goes on (`resume`, or `from` a file with a torso) is trained
                         as it began */
+  bool voice_fade;   /* true (default): speech reaches a head less and less from the base of the nose up, and not at all
+                        above the nose (ern_model_info.voice_fade), where the dataset has `lips` and `eyes`; but not with
+                        ERN_RAY_SAMPLING_DUB, as a dubbed frame shows nothing above the nose. false: it reaches the whole
+                        head, as published. A head that goes on is trained as it began */
 } ern_train_config;
 
 /* Description number `index` of the members of ern_train_config after `size`, in their order; NULL past the last. Any

@@ -132,7 +132,7 @@ class ModelInfo(Structure):
                 ("torso_shrink", c_float), ("scale", c_float), ("audio_pad", ENUM), ("cameras", c_size_t),
                 ("head_steps", c_uint64), ("torso_steps", c_uint64), ("clip", c_char * 65), ("parameters", c_size_t),
                 ("parameter_bytes", c_size_t), ("speech", c_char * 64), ("speech_network", c_char * 512),
-                ("consent", c_char * 1024), ("dub", c_bool), ("has_torso_motion", c_bool)]
+                ("consent", c_char * 1024), ("dub", c_bool), ("has_torso_motion", c_bool), ("voice_fade", c_float * 2)]
 
 
 class TensorInfo(Structure):

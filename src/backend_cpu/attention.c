@@ -12,6 +12,10 @@ ERN_SHARDED_SLOT(attention_fwd, a->n, 64) {
                          after(reals(a->region_eye), r.begin), after(reals(a->v.span), r.begin), reals(a->code),
                          after(reals(a->eye_attention), r.begin), a->eye, shape_of(a), a->v.stride, r.end - r.begin);
 }
+ERN_SHARDED_SLOT(attention_fade, a->n, 64) {
+  kernels->attention_fade(after(reals(a->v.span), r.begin), after(reals(a->height), r.begin), a->fade, a->v.rows,
+                          a->v.stride, r.end - r.begin);
+}
 static void attention_bwd_task(void *user, size_t k, int worker) {
   (void)worker;
   const struct job *job = user;

@@ -13,6 +13,13 @@ ern_status ern_cl_attention_fwd(struct ern_stream *stream, struct ern_attention_
   return ern_cl_run(&call, shape.count, shape.group);
 }
 
+ern_status ern_cl_attention_fade(struct ern_stream *stream, struct ern_attention_fade_args *a) {
+  const struct ern_cl_blocks shape = ern_cl_blocks_of(stream, a->n);
+  struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_attention, "attention_fade", "");
+  ERN_CL_ARGS(&call, a->v, a->height, a->fade[0], a->fade[1], a->v.rows, a->n);
+  return ern_cl_run(&call, shape.count, shape.group);
+}
+
 static ern_status bwd_eye(struct ern_stream *stream, const struct ern_attention_bwd_args *a) {
   const struct ern_cl_blocks shape = ern_cl_blocks_of(stream, a->forward.n);
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_attention, "attention_eye_bwd", "");

@@ -45,11 +45,11 @@ struct level { /* as in render.cl */
 static_assert(sizeof(struct level) == 16, "as in render.cl");
 
 struct frame { /* as in render.cl */
-  float pose[12], focal, cx, cy, bound, inverse_bound, dt_gamma, near, shortest, longest, stop, eye_value;
+  float pose[12], focal, cx, cy, bound, inverse_bound, dt_gamma, near, shortest, longest, stop, eye_value, fade[2];
   int32_t width, height, max_steps, picture;
   uint32_t across, rays, tickets;
 };
-static_assert(sizeof(struct frame) == 120, "as in render.cl");
+static_assert(sizeof(struct frame) == 128, "as in render.cl");
 
 struct ern_cl_head {
   struct ern_cl_form form;
@@ -339,6 +339,7 @@ static struct frame frame_of(const struct ern_render_rays_args *a) {
                     .tickets = (uint32_t)a->n};
   if (f.shortest > f.longest) f.shortest = f.longest;
   memcpy(f.pose, a->view.pose, sizeof f.pose);
+  memcpy(f.fade, a->field->config.voice_fade, sizeof f.fade);
   f.picture = a->n == (size_t)f.width * (size_t)f.height;
   if (f.picture) f.tickets = f.across * (uint32_t)ern_tile_count(a->view.height) * ERN_TILE_SIDE * ERN_TILE_SIDE;
   return f;

@@ -42,7 +42,8 @@
 
 #define ERN_ATTENTION_OPERATIONS(OP, X) \
   OP(X, attention_fwd, SLOT, FAST)      \
-  OP(X, attention_bwd, SLOT, FAST)
+  OP(X, attention_bwd, SLOT, FAST)      \
+  OP(X, attention_fade, SLOT, REF)
 
 #define ERN_TORSO_OPERATIONS(OP, X)     \
   OP(X, torso_pose_fwd, SLOT, REF)      \

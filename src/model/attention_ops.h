@@ -30,6 +30,16 @@ struct ern_attention_bwd_args {
 #define ERN_COST_attention_bwd(a) \
   ern_cost("sample", (a)->forward.n, 5 * ERN_AUDIO_CODE + 3, 3 * ERN_AUDIO_CODE + 5, 0, 0)
 
+/* The voice of a head ends at a height: v_c *= g(height), forward, and dv_c *= g(height), backward. With t =
+ * (height - fade[0])/(fade[1] - fade[0]), g is 1 for t <= 0, 0 for t >= 1, else 1 - t^2 (3 - 2t). fade[0] < fade[1]. */
+struct ern_attention_fade_args {
+  ern_rows v; /* in and out: [A] per sample */
+  ern_span height;
+  float fade[2];
+  size_t n;
+};
+#define ERN_COST_attention_fade(a) ern_cost("sample", (a)->n, ERN_AUDIO_CODE + 9, 2 * ERN_AUDIO_CODE + 1, 0, 0)
+
 /* Kernels on n samples; NULL where a span is zeroed. dcode [A] accumulates. `stride` is that of v, dv, region and
  * dregion alike. shape: rows of the region, and of v: as many, 1, or 0. */
 struct ern_attention_shape {
@@ -42,6 +52,9 @@ typedef void ern_attention_bwd_kernel(ern_real *dv, ern_real *dcode, ern_real *d
                                       const ern_real *dnorm, const ern_real *dregion_eye, const ern_real *v,
                                       const ern_real *norm, const ern_real *code, ern_real eye,
                                       struct ern_attention_shape shape, size_t stride, size_t n);
+
+typedef void ern_attention_fade_kernel(ern_real *v, const ern_real *height, const float fade[2], int rows,
+                                       size_t stride, size_t n);
 
 ERN_DECLARE_KERNELS(ERN_ATTENTION_OPERATIONS)
 

@@ -49,3 +49,12 @@ void ERN_REF(ern_attention_bwd)(ern_real *dv, ern_real *dcode, ern_real *deye_at
     for (size_t i = 0; i < n; i++) deye_attention[i] += eye * dregion_eye[i];
   }
 }
+
+void ERN_REF(ern_attention_fade)(ern_real *v, const ern_real *height, const float fade[2], int rows, size_t stride,
+                                 size_t n) {
+  for (size_t i = 0; i < n; i++) {
+    ern_real t = (height[i] - fade[0]) / (fade[1] - fade[0]);
+    t = t < 0 ? 0 : t > 1 ? 1 : t;
+    for (size_t c = 0; c < (size_t)rows; c++) v[c * stride + i] *= 1 - t * t * (3 - 2 * t);
+  }
+}

@@ -42,6 +42,7 @@ struct ern_model_config {
   bool torso_gamma; /* the paper's trained scale of the key points */
   int codes;        /* rows of the individual codes, 0: no codes */
   float bound;
+  float voice_fade[2]; /* of attention_fade; equal: the voice is whole everywhere */
 };
 
 /* From a position to features: three planes, one volume, or a network. */
@@ -78,6 +79,11 @@ static inline bool ern_field_attends(const struct ern_field *field) {
 }
 static inline bool ern_field_attends_eye(const struct ern_field *field) {
   return field->config.eye && field->config.eye_attention == ERN_EYE_ATTENTION_SIGMOID;
+}
+
+/* Whether the voice ends at a height. */
+static inline bool ern_field_fades(const struct ern_field *field) {
+  return ern_field_attends(field) && field->config.voice_fade[1] > field->config.voice_fade[0];
 }
 
 /* Whether the head is the paper's own: three hashed planes, an attention weight for each channel of the audio code.

@@ -111,8 +111,17 @@ static struct ern_mlp_fwd_args colour_args(const struct ern_head_inputs *in, con
   return args;
 }
 
+/* v, or its gradient, times what is left of the voice at the samples' heights. No gradient by the height: it would move
+ * a refined pose by where the voice ends. */
+static ern_status fade(struct ern_stream *stream, const struct ern_field *field, ern_rows v, ern_rows x, size_t n) {
+  if (!ern_field_fades(field)) return ERN_OK;
+  const float *ends = field->config.voice_fade;
+  struct ern_attention_fade_args args = {v, ern_span_of_row(x, 0, n), {ends[0], ends[1]}, n};
+  return stream->backend->attention_fade(stream, &args);
+}
+
 /* Speech and eye inputs of the density network. */
-static ern_status regions_fwd(struct ern_stream *stream, const struct ern_head_inputs *in,
+static ern_status regions_fwd(struct ern_stream *stream, const struct ern_head_inputs *in, ern_rows x,
                               struct ern_head_batch *batch) {
   const struct ern_backend *backend = stream->backend;
   const struct ern_field *field = in->field;
@@ -120,6 +129,7 @@ static ern_status regions_fwd(struct ern_stream *stream, const struct ern_head_i
   if (has(batch->v)) {
     struct ern_mlp_fwd_args mlp = mlp_args(in, &field->attention, batch->v, batch->f, batch->n);
     ERN_TRY(backend->mlp_fwd(stream, &mlp));
+    ERN_TRY(fade(stream, field, batch->v, x, batch->n));
   }
   if (has(batch->eye)) {
     struct ern_mlp_fwd_args mlp = mlp_args(in, &field->eye, batch->eye_raw, batch->f, batch->n);
@@ -142,7 +152,7 @@ ern_status ern_head_density_fwd(struct ern_stream *stream, const struct ern_head
   const struct ern_backend *backend = stream->backend;
   ern_status status = ERN_OK;
   ERN_TRY(ern_encode_fwd(stream, in, x, batch));
-  ERN_TRY(regions_fwd(stream, in, batch));
+  ERN_TRY(regions_fwd(stream, in, x, batch));
   if (has(batch->h)) {
     struct ern_mlp_fwd_args mlp = density_args(in, batch);
     ERN_TRY(backend->mlp_fwd(stream, &mlp));
@@ -229,7 +239,7 @@ fail:
 }
 
 /* From d->region and d->region_eye (not in a batch without a density), d->norm and d->eye to d->f. */
-static ern_status regions_bwd(struct ern_stream *stream, const struct ern_head_inputs *in,
+static ern_status regions_bwd(struct ern_stream *stream, const struct ern_head_inputs *in, ern_rows x,
                               const struct ern_head_batch *batch, struct ern_head_batch *d, ern_span dparameters,
                               ern_span dcode) {
   const struct ern_backend *backend = stream->backend;
@@ -255,6 +265,7 @@ static ern_status regions_bwd(struct ern_stream *stream, const struct ern_head_i
     ERN_TRY(backend->mlp_bwd(stream, &mlp));
   }
   if (has(d->v)) {
+    ERN_TRY(fade(stream, field, d->v, x, batch->n));
     struct ern_mlp_bwd_args mlp = {.dx = {d->f},
                                    .dparameters = dparameters,
                                    .dy = d->v,
@@ -270,7 +281,7 @@ ern_status ern_head_density_bwd(struct ern_stream *stream, const struct ern_head
                                 ern_span dcode) {
   ern_status status = ERN_OK;
   if (has(batch->h)) ERN_TRY(density_bwd(stream, in, batch, d, dparameters, dcode));
-  if (has(d->v) || has(d->eye)) ERN_TRY(regions_bwd(stream, in, batch, d, dparameters, dcode));
+  if (has(d->v) || has(d->eye)) ERN_TRY(regions_bwd(stream, in, x, batch, d, dparameters, dcode));
   ERN_TRY(ern_encode_bwd(stream, in, x, batch, d, dparameters));
 fail:
   return status;

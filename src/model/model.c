@@ -64,7 +64,8 @@ static void describe(const ern_model *model, ern_model_info *info) {
                            .head_steps = model->head_steps,
                            .torso_steps = model->torso_steps,
                            .dub = model->dub,
-                           .has_torso_motion = model->has_motion};
+                           .has_torso_motion = model->has_motion,
+                           .voice_fade = {config->voice_fade[0], config->voice_fade[1]}};
   memcpy(info->clip, model->clip, sizeof info->clip);
   memcpy(info->speech, model->speech, sizeof info->speech);
   memcpy(info->speech_network, model->speech_network, sizeof info->speech_network);

@@ -31,6 +31,13 @@ static bool put_speech_network(json_t *root, const ern_model *model) {
   return json_object_set_new(root, "speech_network", json_loads(model->speech_network, 0, NULL)) == 0;
 }
 
+/* Adds the heights between which the voice ends, where it does. */
+static bool put_fade(json_t *root, const struct ern_model_config *c) {
+  if (!(c->voice_fade[1] > c->voice_fade[0])) return true;
+  json_t *ends = json_pack("[f, f]", (double)c->voice_fade[0], (double)c->voice_fade[1]);
+  return json_object_set_new(root, "voice_fade", ends) == 0;
+}
+
 ern_status ern_model_metadata(const ern_model *model, char **json) {
   const struct ern_model_config *c = &model->field.config;
   *json = NULL;
@@ -42,7 +49,7 @@ ern_status ern_model_metadata(const ern_model *model, char **json) {
       c->codes, "bound", (double)c->bound, "head_steps", (json_int_t)model->head_steps, "torso_steps",
       (json_int_t)model->torso_steps, "speech", model->speech, "clip", model->clip, "consent", model->consent);
   if (root != NULL && ((model->view.is_set && !put_view(root, &model->view)) || !put_speech_network(root, model) ||
-                       (model->dub && json_object_set_new(root, "dub", json_true()) != 0))) {
+                       (model->dub && json_object_set_new(root, "dub", json_true()) != 0) || !put_fade(root, c))) {
     json_decref(root);
     root = NULL;
   }
@@ -210,6 +217,24 @@ static ern_status read_consent(ern_context *context, const json_t *root, const c
   return ERN_OK;
 }
 
+/* Missing: the voice reaches the whole head. */
+static ern_status read_fade(ern_context *context, const json_t *root, const char *path,
+                            struct ern_model_config *config) {
+  const json_t *ends = json_object_get(root, "voice_fade");
+  const double begin = json_number_value(json_array_get(ends, 0)), end = json_number_value(json_array_get(ends, 1));
+  if (ends == NULL) return ERN_OK;
+  if (json_array_size(ends) != 2 || !json_is_number(json_array_get(ends, 0)) ||
+      !json_is_number(json_array_get(ends, 1)))
+    return wrong_field(context, path, "voice_fade");
+  if (!(begin < end && fabs(begin) <= (double)config->bound && fabs(end) <= (double)config->bound))
+    return ern_fail(context, ERN_E_FORMAT,
+                    "%s: metadata \"ernerf\": voice_fade is %g, %g, expected two numbers from -%g to %g that ascend",
+                    path, begin, end, (double)config->bound, (double)config->bound);
+  config->voice_fade[0] = (float)begin;
+  config->voice_fade[1] = (float)end;
+  return ERN_OK;
+}
+
 static ern_status read_metadata(ern_context *context, const char *text, const char *path,
                                 struct ern_model_config *config, ern_model *identity) {
   json_error_t error;
@@ -252,6 +277,7 @@ static ern_status read_metadata(ern_context *context, const char *text, const ch
   identity->dub = json_is_true(dub);
   if (!json_is_number(bound)) ERN_TRY(wrong_field(context, path, "bound"));
   config->bound = (float)json_number_value(bound);
+  ERN_TRY(read_fade(context, root, path, config));
   if (json_is_string(clip)) snprintf(identity->clip, sizeof identity->clip, "%s", json_string_value(clip));
   ERN_TRY(read_speech(context, root, path, identity)); /* missing in files of early versions */
   ERN_TRY(read_consent(context, root, path, identity));

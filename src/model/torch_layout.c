@@ -367,6 +367,13 @@ static ern_status check(const struct ern_torch_layout *l) {
             "%s: the body's motion (torso_motion_unseen) has no place in the public program, which will draw the torso "
             "where the body is on average",
             l->path);
+  if (ern_field_fades(&l->model->field))
+    ern_log(
+        l->context, ERN_LOG_WARNING,
+        "%s: the height at which the voice ends (voice_fade) has no place in the public program, which will draw the "
+        "head less well above the nose, and move it with the voice; `ernerf train --set voice-fade=no` makes a head "
+        "without it",
+        l->path);
   tell_view(l);
   if (!config->eye)
     ern_log(l->context, ERN_LOG_INFO, "%s: the missing eye branch is written as zeros; give --exp_eye", l->path);

@@ -132,6 +132,10 @@ static const ern_setting table[] = {
      .help =
          "a torso moves with the body's motion, if the clip has torso.csv; no: as published. A resumed torso goes on "
          "as it began"},
+    {ERN_ROW_BOOL(voice_fade), .group = "model", .fallback = true, .resume = ERN_RESUME_KEPT, .scope = ERN_SCOPE_HEAD,
+     .same_everywhere = true,
+     .help = "the voice moves nothing of a head above the nose, if the clip has landmarks; not with --for dub, where "
+             "nothing above the nose is seen; no: as published. A resumed head goes on as it began; kept in the model"},
 };
 
 ERN_SETTINGS_FUNCTIONS(train, ern_train_config, 0x45524e34)

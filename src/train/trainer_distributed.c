@@ -69,14 +69,16 @@ static ern_status share_poses(ern_trainer *t) {
 
 /* Sends the progress of the training from rank 0 to all. */
 static ern_status share_numbers(ern_trainer *t) {
+  float *fade = t->shared.model->field.config.voice_fade;
   struct {
     uint64_t step, ema_updates, fine_from, iters, fine_steps;
     double seconds, beside, torso_mean;
     uint64_t bf16, pruned, motion;
+    float fade[2];
   } now = {t->shared.step,         t->values.ema_updates,       t->fine.from,
            t->shared.config.iters, t->shared.config.fine_steps, t->shared.seconds,
            t->shared.beside,       t->occupancy.torso_mean,     t->shared.bf16,
-           t->occupancy.pruned,    t->shared.model->has_motion};
+           t->occupancy.pruned,    t->shared.model->has_motion, {fade[0], fade[1]}};
   const ern_status status = ern_trainer_broadcast(&t->shared, &now, sizeof now);
   if (status != ERN_OK) return status;
   t->shared.step = now.step;
@@ -89,6 +91,7 @@ static ern_status share_numbers(ern_trainer *t) {
   t->occupancy.torso_mean = now.torso_mean;
   t->shared.bf16 = now.bf16 != 0;
   t->occupancy.pruned = now.pruned != 0;
+  memcpy(fade, now.fade, sizeof now.fade);
   return t->shared.model->has_motion == (now.motion != 0) ? ERN_OK
                                                           : ern_trainer_motion_set(&t->shared, now.motion != 0);
 }

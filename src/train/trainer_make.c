@@ -17,6 +17,7 @@
 #include "model/torso_ops.h"
 #include "render/frame_input.h"
 #include "train/parts/trainer_data.h"
+#include "train/parts/trainer_fade.h"
 #include "train/parts/trainer_model.h"
 #include "train/parts/trainer_motion.h"
 #include "train/state_about.h"
@@ -242,6 +243,8 @@ static ern_status take_host(ern_trainer *t) {
   for (size_t i = 0; i < t->shared.data.frames[0]; i++)
     ERN_TRY(ern_trainer_view(&t->shared, 0, i, &t->shared.views[i]));
   const ern_train_config *c = &t->shared.config;
+  /* a torso keeps its head's, and a dubbed frame shows nothing above the nose */
+  if (!c->torso && c->voice_fade && c->ray_sampling != ERN_RAY_SAMPLING_DUB) ERN_TRY(ern_trainer_fade_find(&t->shared));
   ERN_TRY(ern_trainer_motion_set(&t->shared, c->torso && c->torso_motion && t->shared.data.has_torso_motion));
   ERN_TRY(ern_trainer_head(&t->shared, t->shared.config.data_begin, &head)); /* so that an invalid one is found now */
   ERN_TRY(ern_trainer_poses_make(&t->poses, &t->fine));

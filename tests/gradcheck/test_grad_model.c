@@ -39,7 +39,7 @@ struct kinds {
   ern_backbone backbone;
   ern_attention attention;
   ern_eye_attention eye_attention;
-  bool no_view;
+  bool no_view, fade; /* fade: the voice ends within the rays' heights */
 };
 
 static double *reals_of(ern_span span) { return (double *)span.buffer->memory + span.at; }
@@ -84,6 +84,7 @@ static void scene_open_of(struct scene *s, struct kinds kinds) {
                                           .head = true,
                                           .eye = true,
                                           .no_view = kinds.no_view,
+                                          .voice_fade = {0, kinds.fade ? 0.2f : 0},
                                           .torso = true,
                                           .torso_gamma = true,
                                           .codes = 3,
@@ -286,13 +287,20 @@ static void check_kinds(struct kinds kinds, const char *prefix, size_t rays, siz
   scene_close(&s);
 }
 
+/* A voice that ends at a height, of one weight for each channel and of one for all. */
+static void test_fade_long(void **state) {
+  (void)state;
+  check_kinds((struct kinds){.fade = true}, "", 3, 4);
+  check_kinds((struct kinds){.attention = ERN_ATTENTION_FEATURE, .fade = true}, "", 3, 4);
+}
+
 static void test_attentions_long(void **state) {
   (void)state;
   const ern_backbone backbone = ERN_BACKBONE_TRIHASH;
-  check_kinds((struct kinds){backbone, ERN_ATTENTION_FEATURE, ERN_EYE_ATTENTION_SIGMOID, false}, "", 3, 4);
-  check_kinds((struct kinds){backbone, ERN_ATTENTION_CONCAT, ERN_EYE_ATTENTION_SIGMOID, false}, "", 3, 4);
-  check_kinds((struct kinds){backbone, ERN_ATTENTION_CHANNEL, ERN_EYE_ATTENTION_CONCAT, false}, "", 3, 4);
-  check_kinds((struct kinds){backbone, ERN_ATTENTION_CONCAT, ERN_EYE_ATTENTION_CONCAT, false}, "", 3, 4);
+  check_kinds((struct kinds){backbone, ERN_ATTENTION_FEATURE, ERN_EYE_ATTENTION_SIGMOID, false, false}, "", 3, 4);
+  check_kinds((struct kinds){backbone, ERN_ATTENTION_CONCAT, ERN_EYE_ATTENTION_SIGMOID, false, false}, "", 3, 4);
+  check_kinds((struct kinds){backbone, ERN_ATTENTION_CHANNEL, ERN_EYE_ATTENTION_CONCAT, false, false}, "", 3, 4);
+  check_kinds((struct kinds){backbone, ERN_ATTENTION_CONCAT, ERN_EYE_ATTENTION_CONCAT, false, false}, "", 3, 4);
 }
 
 /* A colour that is not told the direction. */
@@ -303,15 +311,17 @@ static void test_view_long(void **state) {
 
 static void test_grids_long(void **state) {
   (void)state;
-  check_kinds((struct kinds){ERN_BACKBONE_HASH3D, ERN_ATTENTION_CHANNEL, ERN_EYE_ATTENTION_SIGMOID, false}, "", 3, 4);
-  check_kinds((struct kinds){ERN_BACKBONE_TRIPLANE, ERN_ATTENTION_FEATURE, ERN_EYE_ATTENTION_SIGMOID, false}, "", 3, 4);
+  check_kinds((struct kinds){ERN_BACKBONE_HASH3D, ERN_ATTENTION_CHANNEL, ERN_EYE_ATTENTION_SIGMOID, false, false}, "",
+              3, 4);
+  check_kinds((struct kinds){ERN_BACKBONE_TRIPLANE, ERN_ATTENTION_FEATURE, ERN_EYE_ATTENTION_SIGMOID, false, false}, "",
+              3, 4);
 }
 
 /* Half a million weights: three rays make one tile of samples. What comes after the features is checked above. */
 static void test_mlp_long(void **state) {
   (void)state;
-  check_kinds((struct kinds){ERN_BACKBONE_MLP, ERN_ATTENTION_CONCAT, ERN_EYE_ATTENTION_CONCAT, false}, "encoder_mlp", 3,
-              3);
+  check_kinds((struct kinds){ERN_BACKBONE_MLP, ERN_ATTENTION_CONCAT, ERN_EYE_ATTENTION_CONCAT, false, false},
+              "encoder_mlp", 3, 3);
 }
 
 /* ---- the camera: a rotation vector and a move, about the scene's origin ---- */
@@ -383,7 +393,7 @@ static void test_pose(void **state) {
   check_pose((struct kinds){0});
   check_pose((struct kinds){.no_view = true});
   check_pose((struct kinds){.attention = ERN_ATTENTION_CONCAT, .eye_attention = ERN_EYE_ATTENTION_CONCAT});
-  check_pose((struct kinds){ERN_BACKBONE_MLP, ERN_ATTENTION_CONCAT, ERN_EYE_ATTENTION_CONCAT, false});
+  check_pose((struct kinds){ERN_BACKBONE_MLP, ERN_ATTENTION_CONCAT, ERN_EYE_ATTENTION_CONCAT, false, false});
 }
 
 static void test_torso(void **state) {
@@ -398,6 +408,7 @@ int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_head_photometric_entropy_ambient),
                                      cmocka_unit_test(test_head_uncertainty),
                                      cmocka_unit_test(test_head_eye_ambient),
+                                     cmocka_unit_test(test_fade_long),
                                      cmocka_unit_test(test_attentions_long),
                                      cmocka_unit_test(test_view_long),
                                      cmocka_unit_test(test_grids_long),

@@ -228,6 +228,35 @@ static void test_nothing(void **state) {
   machines_clear();
 }
 
+/* Heights below, at, between and above the two ends. A device: the quotient within 2.5 units of 2^-23
+ * (OpenCL 1.2, 7.4), times the slope of at most 1.5; a product and a sum more of sizes up to 3, fused or not; the
+ * product with v. */
+static void test_fade(void **state) {
+  (void)state;
+  static const float ends[2] = {-0.07f, 0.14f};
+  for (size_t size = 0; size < size_count(); size++) {
+    const size_t n = test_sizes[size];
+    const struct scene s = scene_make(is_small() ? 3 : 32, 1, n, USUAL);
+    float *values = floats((size_t)s.channels * n), *height = floats(n);
+    for (size_t i = 0; i < n; i++) height[i] = i % 7 < 2 ? ends[i % 7] : random_at(9, i, 0.3f);
+    fill_random(values, (size_t)s.channels * n, 3, 1);
+    const struct many_rows v = many_strided(values, s.channels, n, ERN_PER_SAMPLE);
+    const struct many heights = many_reals(height, n);
+    struct ern_attention_fade_args args[MACHINES];
+    EACH_MACHINE (k)
+      args[k] =
+          (struct ern_attention_fade_args){.v = v.on[k], .height = heights.on[k], .fade = {ends[0], ends[1]}, .n = n};
+    RUN(attention_fade, args);
+    const float *faded = floats_of(0, of_rows(v));
+    for (size_t i = 0; i < n; i++) {
+      if (height[i] <= ends[0]) assert_true(faded[i] == values[i]);
+      if (height[i] >= ends[1]) assert_true(faded[i] == 0);
+    }
+    EACH_OTHER (k) expect_near_on(k, "faded", of_rows(v), 0, is_device(k) ? 10 * 0x1p-23 : 0);
+    machines_clear();
+  }
+}
+
 /* n samples: of a tile, in the cache, or of a batch, in memory. */
 static void bench_of(size_t n) {
   const struct scene s = scene_make(32, 32, n, USUAL);
@@ -254,5 +283,6 @@ static void bench(void) {
 }
 
 static const struct CMUnitTest tests[] = {cmocka_unit_test(test_usual), cmocka_unit_test(test_extreme),
-                                          cmocka_unit_test(test_eye_alone), cmocka_unit_test(test_nothing)};
+                                          cmocka_unit_test(test_eye_alone), cmocka_unit_test(test_nothing),
+                                          cmocka_unit_test(test_fade)};
 NOUN(attention, bench, .isa = NULL)

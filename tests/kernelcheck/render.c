@@ -213,6 +213,7 @@ static void test_models(void **state) {
     struct scene scene =
         scene_make(levels, (variant & 2) != 0, variant & 4 ? 3 : 0, emulated_side(45), emulated_side(37), 8);
     static const float stops[] = {1e-4f, 3e-3f, 0};
+    if (levels == 14) scene.field.config.voice_fade[0] = -0.15f, scene.field.config.voice_fade[1] = 0.2f;
     char what[64];
     snprintf(what, sizeof what, "levels %d, eye %d, codes %d", levels, scene.config.eye, scene.config.codes);
     if (scene.config.codes == 0) assert_true(hits(&scene) > scene.rays / 8);

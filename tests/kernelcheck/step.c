@@ -127,6 +127,7 @@ static void model_make(struct stage *stage, const struct scene *scene) {
                                           .eye = scene->eye,
                                           .no_view = scene->no_view,
                                           .codes = scene->codes,
+                                          .voice_fade = {0, scene->eye ? 0.3f : 0}, /* with an eye, without */
                                           .bound = 1};
   *stage = (struct stage){.scene = scene};
   support_ok(machines.context, ern_parameters_build(machines.context, &config, &stage->field, &stage->table));

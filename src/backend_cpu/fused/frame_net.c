@@ -160,6 +160,8 @@ static size_t parts_of(struct ern_frame_net *net, struct part part[12]) {
 static void set_widths(struct ern_frame_net *net, const struct ern_field *field) {
   net->levels = field->config.levels;
   net->bound = field->config.bound;
+  net->fades = ern_field_fades(field);
+  memcpy(net->fade, field->config.voice_fade, sizeof net->fade);
   net->eye = field->config.eye;
   net->features = (size_t)field->feature_rows;
   net->attention = (size_t)field->attention.width[1];

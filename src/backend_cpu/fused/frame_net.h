@@ -30,7 +30,8 @@ struct ern_frame_net {
   int axis[ERN_PLANES][2];
   int levels;
   float bound, eye_value;
-  bool eye, pairs;
+  float fade[2]; /* of attention_fade, where `fades` is set */
+  bool eye, pairs, fades;
   size_t features, attention, eye_hidden, density, colour, value_rows; /* widths of inputs and hidden layers */
   size_t harmonics; /* spherical harmonics of the direction, inputs of the colour MLP: 16 or 0 */
   /* packed; where `pairs` is set, all but `ray` in pairs of bf16; [rows] x [columns] */

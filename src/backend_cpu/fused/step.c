@@ -184,6 +184,7 @@ static void backward_task(void *user, size_t k, int number) {
   const double began = ern_profile_now();
   const struct ern_train_backward_args args = {.list = {s->live_sample + r.begin, r.end - r.begin},
                                                .ray = s->live_ray + r.begin,
+                                               .x = s->live_x + r.begin,
                                                .feature_rows = s->feature_rows,
                                                .harmonics = s->net.harmonics > 0 ? reals(s->marched.sh.span) : NULL,
                                                .dsigma = s->dsigma + r.begin,

@@ -24,6 +24,7 @@ struct ern_train_tile {
   float d_v[ERN_MLP_TILE * ERN_AUDIO_CODE];
   float d_hidden[ERN_MLP_TILE * ERN_TRAIN_HIDDEN];
   /* by channel: (c, s) at c*ERN_MLP_TILE + s */
+  float voice[ERN_MLP_TILE]; /* g of attention_fade, where the net has it */
   float norm[ERN_MLP_TILE], log_sigma[ERN_MLP_TILE], eye_raw[ERN_MLP_TILE], eye[ERN_MLP_TILE], unc_raw[ERN_MLP_TILE];
   float rgb_raw[3 * ERN_MLP_TILE];
   float gradient[6 * ERN_MLP_TILE];         /* of rgb_raw, log_sigma, eye_raw, unc_raw */
@@ -77,6 +78,7 @@ typedef void ern_train_uncertainty_kernel(const struct ern_train_net *net, struc
 struct ern_train_backward_args {
   struct ern_train_list list;
   const int32_t *ray;
+  const float *x; /* [3] by list, at `stride` */
   const float *feature_rows, *harmonics;
   const float *dsigma, *drgb, *dnorm, *deye, *dunc;
   float *gradient, *df, *dsh;

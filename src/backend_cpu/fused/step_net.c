@@ -34,6 +34,8 @@ bool ern_train_net_plan(struct ern_train_net *net, const struct ern_field *field
   *net = (struct ern_train_net){.features = (size_t)field->feature_rows, .eye = field->config.eye};
   if (!known(field)) return false;
   net->feature_row = ern_net_aligned(net->features);
+  net->fades = ern_field_fades(field);
+  net->fade = field->config.voice_fade;
   net->ins = net->features + ERN_AUDIO_CODE + (net->eye ? 1 : 0);
   net->in_row = ern_net_aligned(net->features + ERN_AUDIO_CODE + 1);
   net->eye_at = ERN_NET_ATTENTION;

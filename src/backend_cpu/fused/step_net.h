@@ -40,7 +40,8 @@ struct ern_train_net {
   size_t harmonics;      /* spherical harmonics of the direction, inputs of the colour MLP: 16 or 0 */
   size_t colour_ins;     /* inputs of the colour MLP: hidden density, harmonics, 1 */
   size_t gradient_row;   /* width of the features' gradient followed by that of the eye attention, aligned */
-  bool eye;
+  bool eye, fades;
+  const float *fade; /* of attention_fade, where `fades` is set */
 
   size_t of_features; /* [features][hidden] */
   size_t attention;   /* [64][32] */

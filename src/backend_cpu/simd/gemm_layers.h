@@ -20,6 +20,14 @@ LANES_INLINE float *tile_inputs(float *workspace, float *x, size_t n) {
 /* Writes the last input of a layer; the inputs' memory ends after it. */
 LANES_INLINE void tile_last_input(float *at, vf value) { vf_store(at, (vf)vf_pairs(value, (vf){0})); }
 
+/* Scales a register of samples of n inputs. */
+LANES_INLINE void tile_scale(float *x, vf factor, size_t n) {
+  for (size_t row = 0; row < ern_pairs(n); row++) {
+    const vu pair = (vu)vf_load(x + row * TILE);
+    vf_store(x + row * TILE, (vf)vf_pairs(factor * (vf)(pair << 16), factor * (vf)(pair & 0xFFFF0000u)));
+  }
+}
+
 /* next = relu(start + A x), as inputs of the next layer; x takes `rows_padded` rows. */
 LANES_INLINE void tile_layer(float *next, const float *start, const float *packed, const float *x, size_t rows,
                              size_t rows_padded) {
@@ -42,6 +50,10 @@ LANES_INLINE float *tile_inputs(float *workspace, float *x, size_t n) {
 }
 
 LANES_INLINE void tile_last_input(float *at, vf value) { vf_store(at, value); }
+
+LANES_INLINE void tile_scale(float *x, vf factor, size_t n) {
+  for (size_t row = 0; row < n; row++) vf_store(x + row * TILE, factor * vf_load(x + row * TILE));
+}
 
 LANES_INLINE void tile_layer(float *next, const float *start, const float *packed, const float *x, size_t rows,
                              size_t rows_padded) {

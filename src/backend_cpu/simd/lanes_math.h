@@ -16,6 +16,12 @@ LANES_INLINE vf vf_clamp(vf x, float low, float high) {
   return vf_select(x < low, vf_all(low), vf_select(x > high, vf_all(high), x));
 }
 
+/* g of attention_fade (model/attention_ops.h) */
+LANES_INLINE vf vf_fade(vf x, const float fade[2]) {
+  const vf t = vf_clamp((x - fade[0]) / (fade[1] - fade[0]), 0, 1);
+  return 1 - t * t * (3 - 2 * t);
+}
+
 /* ---- exponentials ---- */
 
 /* log 2 in two parts, the first short: its products with whole numbers below 2^11 are exact */

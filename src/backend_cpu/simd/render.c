@@ -38,6 +38,12 @@ static void attention_norm(float *norm, float *v, const struct ern_frame_net *ne
   }
 }
 
+/* The attention's hidden units times the voice at each sample: v = W h has no bias, so that g v = W (g h). */
+static void fade(float *hidden, const float *height, const struct ern_frame_net *net) {
+  for (size_t k = 0; net->fades && k < TILE; k += LANES)
+    tile_scale(hidden + k, vf_fade(vf_load(height + k), net->fade), net->attention);
+}
+
 /* Computes sigma and rgb of a tile from its features. */
 static void field_tile(struct render_scratch *s, const struct flight *f, const struct ern_frame_net *net,
                        bool norm_wanted) {
@@ -45,6 +51,7 @@ static void field_tile(struct render_scratch *s, const struct flight *f, const s
   float *input = tile_inputs(s->input, f->features, net->features);
   float *hidden = input + features * TILE, *eye = hidden + tile_rows_padded(net->attention) * TILE;
   tile_layer(hidden, NULL, net->attention1, input, net->attention, features);
+  fade(hidden, f->x[0], net);
   if (net->eye) {
     tile_layer(s->hidden[0], NULL, net->eye1, input, net->eye_hidden, features);
     tile_outputs(s->eye, net->eye2, s->hidden[0], 1, tile_rows_padded(net->eye_hidden));

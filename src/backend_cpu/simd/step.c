@@ -244,9 +244,27 @@ static void hidden_fwd(const struct ern_train_net *net, struct ern_train_tile *t
         last - first, net->features, ROWS_RELU);
 }
 
+/* The hidden units of the attention, or their gradients, times the voice at each sample: v = W h has no bias, so that g
+ * v = W (g h). */
+static void fade(const struct ern_train_net *net, float *rows, const float *voice) {
+  for (size_t s = 0; net->fades && s < TILE; s++) {
+#pragma GCC unroll 16
+    for (size_t c = 0; c < ATTENTION; c += LANES)
+      vf_store(rows + s * net->hidden + c, vf_load(rows + s * net->hidden + c) * voice[s]);
+  }
+}
+
+static void voice_of(const struct ern_train_net *net, struct ern_train_tile *t, const float *height, size_t first,
+                     size_t count) {
+  if (!net->fades) return;
+  take(t->voice, height, first, count);
+  EACH_VECTOR(s) vf_store(t->voice + s, vf_fade(vf_load(t->voice + s), net->fade));
+}
+
 /* Computes v and the eye attention; stores them after the features in t->ins. */
 static void attention_fwd(const struct ern_train_net *net, struct ern_train_tile *t) {
   float *v = t->ins + net->features;
+  fade(net, t->hidden, t->voice);
   layer(t, v, net->in_row, t->hidden, net->hidden, net->factors + net->attention, CODE, CODE, ATTENTION, ROWS_STORE);
   if (!net->eye) return;
   dots(t->eye_raw, t->hidden + net->eye_at, net->hidden, net->weights + net->eye_out, EYE);
@@ -296,6 +314,7 @@ static void density(const struct ern_train_net *net, struct ern_train_tile *t, c
     for (size_t s = 0; s < count && a->feature_rows != NULL; s++)
       copy_row(a->feature_rows + number_of(&a->list, first + s) * net->feature_row, t->ins + s * net->in_row,
                net->feature_row);
+    voice_of(net, t, a->x, first, count);
     hidden_fwd(net, t, 0, net->scene_hidden);
     attention_fwd(net, t);
     if (a->norm != NULL) {
@@ -425,6 +444,7 @@ static void attention_bwd(const struct ern_train_net *net, struct ern_train_tile
   add_weights(t, gradient + net->attention, CODE, t->hidden, net->hidden, ATTENTION, t->d_v, CODE, CODE);
   layer_bwd(t, t->d_hidden, net->hidden, t->d_v, CODE, CODE, net->factors + net->attention_back, ATTENTION, t->hidden,
             net->hidden);
+  fade(net, t->d_hidden, t->voice);
   if (net->eye) {
     const float *hidden = t->hidden + net->eye_at;
     add_sums(gradient + net->eye_out, gradient_eye(t), hidden, net->hidden, EYE);
@@ -473,6 +493,7 @@ static void backward(const struct ern_train_net *net, struct ern_train_tile *t,
   for (size_t first = 0; first < a->list.count; first += TILE) {
     const size_t count = least(a->list.count - first, TILE);
     rows_of_list(t->ins, net->in_row, a->feature_rows, net->feature_row, &a->list, first);
+    voice_of(net, t, a->x, first, count);
     hidden_fwd(net, t, 0, net->hidden);
     attention_fwd(net, t);
     uncertainty_fwd(net, t);
@@ -514,6 +535,7 @@ static void smooth(const struct ern_train_net *net, struct ern_train_tile *t, st
     const size_t count = least(a->count - first, TILE);
     features_fwd(net, t, a->x, a->x_stride, first, a->count);
     for (size_t s = count; s < TILE; s++) clear_row(t->ins + s * net->in_row, net->feature_row);
+    voice_of(net, t, a->x, first, count);
     hidden_fwd(net, t, 0, net->hidden);
     attention_fwd(net, t);
     norms(t->norm, t->ins + net->features, net->in_row, CODE);

@@ -47,6 +47,18 @@ KERNEL attention_fwd(ROWS(float, region), SPAN(float, norm), SPAN(float, region_
   }
 }
 
+/* v_c *= g(height): attention_ops.h */
+KERNEL attention_fade(ROWS(float, v), SPAN(const float, height), float begin, float end, uint rows, ulong n) {
+  OPEN(float, v);
+  OPEN(const float, height);
+  EACH_VECTOR(i, k) {
+    const floatw t = fmin(fmax((loadw_first(height + i, n - i) - begin) / (end - begin), 0.0f), 1.0f);
+    const floatw g = 1 - t * t * (3 - 2 * t);
+    for (uint c = 0; c < rows; c++)
+      storew_first(v + c * v_stride + i, g * loadw_first(v + c * v_stride + i, n - i), n - i);
+  }
+}
+
 #define LANES 64 /* partial sums of a part */
 #define PARTS 64 /* parts of the samples, as in attention.c */
 

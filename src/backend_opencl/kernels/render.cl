@@ -20,6 +20,7 @@
 /* Parameters of a frame; the same struct as in render_head.c. */
 struct frame {
   float pose[12], focal, cx, cy, bound, inverse_bound, dt_gamma, near, shortest, longest, stop, eye_value;
+  float fade[2]; /* of attention_fade; equal: none */
   int width, height, max_steps, picture; /* picture: rays are all pixels, dealt block by block */
   uint across, rays, tickets;            /* blocks per row; rays; numbers that the counter deals */
 };
@@ -380,9 +381,19 @@ INLINE void harmonics(local floatw *y, floatw x, floatw v, floatw z) {
 }
 #endif
 
+/* The attention's hidden units times the voice at each sample: v = W h has no bias, so that g v = W (g h). */
+INLINE void fade(local floatw *hidden, const struct frame *f, const floatw height[VECTORS]) {
+  if (!(f->fade[1] > f->fade[0])) return;
+  EACH_VECTOR {
+    const floatw t = clamped((height[v] - f->fade[0]) / (f->fade[1] - f->fade[0]), 0, 1);
+    const floatw g = 1 - t * t * (3 - 2 * t);
+    for (int row = 0; row < ATTENTION; row++) hidden[AT(row, v)] *= g;
+  }
+}
+
 /* Computes sigma and rgb from the features in the tile and the directions of the rays. */
-INLINE void field(struct values *out, local floatw *tile, const struct flight *flight, global const float *net,
-                  float eye_value, bool norm_wanted) {
+INLINE void field(struct values *out, local floatw *tile, const struct flight *flight, const struct frame *f,
+                  const floatw height[VECTORS], global const float *net, bool norm_wanted) {
   local floatw *attention = tile + AT(FEATURES, 0);
   local floatw *first = tile + AT(ROW_FIRST, 0), *second = tile + AT(ROW_SECOND, 0);
   floatw one[1][VECTORS], three[3][VECTORS];
@@ -392,10 +403,11 @@ INLINE void field(struct values *out, local floatw *tile, const struct flight *f
   product_one(one, net + AT_EYE2, attention, EYE_HIDDEN);
   EACH_VECTOR {
     out->eye[v] = sigmoid(full(one[0][v]));
-    tile[AT(FEATURES + ATTENTION, v)] = out->eye[v] * eye_value;
+    tile[AT(FEATURES + ATTENTION, v)] = out->eye[v] * f->eye_value;
   }
 #endif
   attention_layer(attention, 0, 0, net + AT_ATTENTION1, tile);
+  fade(attention, f, height);
   if (norm_wanted) attention_norm(out->norm, net + AT_VALUE, attention);
   density_layer(first, 0, 0, net + AT_DENSITY1, tile);
   second_density_layer(second, 0, 0, net + AT_DENSITY2, first);
@@ -416,15 +428,16 @@ INLINE void evaluate(struct values *out, local floatw *tile, const struct flight
                      global const struct level *level, global const float *dense, global const float *net,
                      bool norm_wanted) {
 #pragma OPENCL FP_CONTRACT OFF
-  floatw u[3][VECTORS];
+  floatw u[3][VECTORS], height[VECTORS];
   EACH_AXIS EACH_VECTOR {
-    const floatw x = f->pose[4 * axis + 3] + flight->t[v] * flight->d[axis][v];
-    u[axis][v] = (clamped(x, -f->bound, f->bound) + f->bound) / (2 * f->bound);
+    const floatw x = clamped(f->pose[4 * axis + 3] + flight->t[v] * flight->d[axis][v], -f->bound, f->bound);
+    u[axis][v] = (x + f->bound) / (2 * f->bound);
+    if (axis == 0) height[v] = x;
   }
   encode_plane(tile, u[A0], u[B0], level, dense);
   encode_plane(tile + AT(LEVELS, 0), u[A1], u[B1], level + LEVELS, dense);
   encode_plane(tile + AT(2 * LEVELS, 0), u[A2], u[B2], level + 2 * LEVELS, dense);
-  field(out, tile, flight, net, f->eye_value, norm_wanted);
+  field(out, tile, flight, f, height, net, norm_wanted);
 }
 
 /* w = alpha T, T *= 1 - alpha (paper eq. 1-2); then each ray advances to its next sample; found[]: whether there is

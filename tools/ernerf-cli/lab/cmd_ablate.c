@@ -213,6 +213,7 @@ static ern_status train(struct ablate_job *job, const struct ablation_row *row, 
   config.lr_att = 5 * job->lr_net;
   config.backbone = row->kind->backbone;
   config.attention = row->kind->attention;
+  config.voice_fade = false; /* as published; `concat` could not have it */
   config.seed = seed;
   config.threads = job->session.threads;
   config.validate_every = 0;

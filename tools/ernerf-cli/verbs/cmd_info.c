@@ -171,6 +171,12 @@ static void print_consent(const char *text) {
   putchar('\n');
 }
 
+/* Whether the voice moves only what is below a height. */
+static bool fades(const ern_model_info *info) { return info->voice_fade[1] > info->voice_fade[0]; }
+static json_t *fade_json(const ern_model_info *info) {
+  return fades(info) ? json_pack("[f, f]", (double)info->voice_fade[0], (double)info->voice_fade[1]) : json_null();
+}
+
 static void print_model(const char *path, const char *kind, const ern_model_info *info, json_t *effects) {
   char *list = json_dumps(effects, 0), wanted[192];
   speech_model_wanted(info, wanted);
@@ -190,6 +196,9 @@ static void print_model(const char *path, const char *kind, const ern_model_info
   printf("  view settings    scale %g, dt_gamma %g, %d samples a ray, torso_shrink %g, audio-pad %s%s\n",
          (double)info->scale, (double)info->dt_gamma, info->max_steps, (double)info->torso_shrink,
          ern_audio_pad_name(info->audio_pad), info->has_view_settings ? "" : " (not said: the defaults)");
+  if (fades(info))
+    printf("  voice            ends between the heights %.3f and %.3f of the scene\n", (double)info->voice_fade[0],
+           (double)info->voice_fade[1]);
   if (info->cameras > 0) printf("  poses            corrected for %zu training frames\n", info->cameras);
   printf("  trained numbers  %zu, %zu bytes\n", info->parameters, info->parameter_bytes);
   printf("  clip             %s\n", info->clip[0] != 0 ? info->clip : "not said");
@@ -241,7 +250,7 @@ static int describe_model(struct session *session, const char *path) {
       session,
       json_pack("{s:o, s:s, s:I, s:I, s:I, s:s, s:s, s:s, s:i, s:o, s:i, s:i, s:s, s:o, s:i, s:b, s:f, s:o, s:s, s:s, "
                 "s:I, s:I, "
-                "s:I, s:b, s:o, s:{s:I, s:I}, s:o}",
+                "s:I, s:b, s:o, s:o, s:{s:I, s:I}, s:o}",
                 "file", session_text(path), "kind", kind, "step", (json_int_t)step, "head_steps",
                 (json_int_t)info.head_steps, "torso_steps", (json_int_t)info.torso_steps, "backbone",
                 ern_backbone_name(info.backbone), "attention", ern_attention_name(info.attention), "eye_attention",
@@ -250,8 +259,9 @@ static int describe_model(struct session *session, const char *path) {
                 network != NULL ? network : json_null(), "codes", info.codes, "torso_gamma", info.has_gamma, "bound",
                 (double)info.bound, "view", view_json(&info), "clip", info.clip, "consent", info.consent, "parameters",
                 (json_int_t)info.parameters, "parameter_bytes", (json_int_t)info.parameter_bytes, "cameras",
-                (json_int_t)info.cameras, "dub", info.dub, "uses", uses, "state", "optimizer_tensors",
-                (json_int_t)tensors.moments, "average_tensors", (json_int_t)tensors.averages, "tensors", tensors.list));
+                (json_int_t)info.cameras, "dub", info.dub, "voice_fade", fade_json(&info), "uses", uses, "state",
+                "optimizer_tensors", (json_int_t)tensors.moments, "average_tensors", (json_int_t)tensors.averages,
+                "tensors", tensors.list));
 }
 
 /* ---- other files ------------------------------------------------------------------------------------------------- */

@@ -140,6 +140,7 @@ static void follow_paper(const struct setting_choice *chosen, bool for_given, er
   if (!setting_given(chosen, "torso_random_background")) config->torso_random_background = false;
   if (!setting_given(chosen, "head_random_background")) config->head_random_background = false;
   if (!setting_given(chosen, "torso_motion")) config->torso_motion = false;
+  if (!setting_given(chosen, "voice_fade")) config->voice_fade = false;
 }
 
 /* With --time, the best settings for a limited time (docs/results.md) for options that were not given. */
