@@ -145,6 +145,8 @@ static const char *take_format(struct request *r, struct ern_http_sound *sound) 
   for (size_t i = 0; name != NULL && i < sizeof known / sizeof *known; i++)
     if (strcmp(name, known[i]) == 0) sound->format = known[i];
   if (name != NULL && sound->format == NULL) return "format: expected s16le, s16be, f32le, mulaw or alaw";
+  if (name == NULL && (query(r, "rate") != NULL || query(r, "channels") != NULL))
+    return "rate and channels are about samples without a header: expected a format too";
   if (!take_number(r, "rate", 1000, 384000, 16000, &sound->rate)) return "rate: expected 1000 to 384000";
   if (!take_number(r, "channels", 1, 8, 1, &sound->channels)) return "channels: expected 1 to 8";
   return NULL;
@@ -165,13 +167,13 @@ static bool goes_on(struct request *r, const char **why) {
   struct pieces *pieces = &r->stream->pieces;
   *why = key != NULL && (key[0] == 0 || strlen(key) >= ID_BYTES) ? "stream: expected 1 to 63 characters" : NULL;
   if (key == NULL || *why != NULL) return false;
-  r->last = query(r, "end") != NULL;
   serve_lock(r->server);
   const bool same = strcmp(pieces->key, key) == 0;
   if (same && pieces->descriptor < 0) *why = "the sound with this key has ended, or was stopped; expected another key";
   if (same && *why == NULL) r->descriptor = fcntl(pieces->descriptor, F_DUPFD_CLOEXEC, 0);
   if (same) r->id = pieces->id;
-  pieces->last = serve_seconds();
+  if (same) pieces->last = serve_seconds();
+  r->last = r->descriptor >= 0 && query(r, "end") != NULL;
   serve_unlock(r->server);
   return same && *why == NULL && r->descriptor >= 0;
 }
@@ -187,6 +189,7 @@ static void keep_pipe(struct request *r) {
   pieces->id = r->id;
   pieces->last = serve_seconds();
   pieces->descriptor = fcntl(r->descriptor, F_DUPFD_CLOEXEC, 0);
+  r->last = query(r, "end") != NULL;
   serve_unlock(r->server);
 }
 
@@ -204,8 +207,13 @@ static enum MHD_Result begin_say(struct request *r) {
   why = take_format(r, &sound);
   if (why != NULL) return refuse(r, MHD_HTTP_BAD_REQUEST, why);
   if (!serve_enter(r->stream)) return refuse(r, MHD_HTTP_GONE, gone);
-  r->id = r->stream->actions->sound(r->stream->user, &sound, &r->descriptor, &reply);
+  int descriptor = -1;
+  const unsigned id = r->stream->actions->sound(r->stream->user, &sound, &descriptor, &reply);
   serve_leave(r->stream);
+  serve_lock(r->server);
+  r->id = id;
+  r->descriptor = descriptor;
+  serve_unlock(r->server);
   if (r->id == 0) return refuse(r, reply.status, reply.reason);
   keep_pipe(r);
   queued(r);
