@@ -220,10 +220,10 @@ static enum MHD_Result begin_say(struct request *r) {
   return MHD_YES;
 }
 
-/* The body as JSON, an object; NULL: it is none. */
-static json_t *body_object(struct request *r) {
+/* The body as JSON, an object of so many members; NULL: it is none. */
+static json_t *body_object(struct request *r, size_t members) {
   json_t *body = r->body != NULL ? json_loadb(r->body, r->count, JSON_REJECT_DUPLICATES, NULL) : NULL;
-  if (json_is_object(body)) return body;
+  if (json_object_size(body) == members) return body;
   json_decref(body);
   return NULL;
 }
@@ -247,7 +247,7 @@ static enum MHD_Result end_say(struct request *r) {
   struct ern_http_reply reply = {.status = MHD_HTTP_INTERNAL_SERVER_ERROR};
   if (r->id > 0) return accepted(r);
   json_t *body = is_type(r, "application/json")
-                     ? body_object(r)
+                     ? body_object(r, 1)
                      : json_pack("{s:o*}", "text", json_stringn(r->body != NULL ? r->body : "", r->count));
   const char *text = json_string_value(json_object_get(body, "text"));
   const char *reason = NULL;
@@ -310,14 +310,12 @@ static enum MHD_Result begin_text(struct request *r) {
 static enum MHD_Result end_pose(struct request *r) {
   char line[64] = "";
   if (r->asked) return pass_answer(r);
-  json_t *body = body_object(r), *hold = json_object_get(body, "hold"), *eyes = json_object_get(body, "eyes");
-  if (json_object_size(body) == 1 && json_is_boolean(hold))
-    snprintf(line, sizeof line, "hold %s", json_is_true(hold) ? "on" : "off");
-  if (json_object_size(body) == 1 && json_is_null(eyes)) snprintf(line, sizeof line, "eyes clip");
+  json_t *body = body_object(r, 1), *hold = json_object_get(body, "hold"), *eyes = json_object_get(body, "eyes");
+  if (json_is_boolean(hold)) snprintf(line, sizeof line, "hold %s", json_is_true(hold) ? "on" : "off");
+  if (json_is_null(eyes)) snprintf(line, sizeof line, "eyes clip");
   const double eye = json_is_number(eyes) ? json_number_value(eyes) : -1;
   const int millionths = eye >= 0 && eye <= 1 ? (int)(1e6 * eye + 0.5) : -1;
-  if (json_object_size(body) == 1 && millionths >= 0)
-    snprintf(line, sizeof line, "eyes %d.%06d", millionths / 1000000, millionths % 1000000);
+  if (millionths >= 0) snprintf(line, sizeof line, "eyes %d.%06d", millionths / 1000000, millionths % 1000000);
   json_decref(body);
   if (line[0] == 0)
     return answer_error(
@@ -340,7 +338,7 @@ static enum MHD_Result end_background(struct request *r) {
     r->body = NULL;
     return ask(r, "background", bytes, r->count);
   }
-  json_t *body = body_object(r);
+  json_t *body = body_object(r, 1);
   const char *choice = json_string_value(json_object_get(body, "colour"));
   for (size_t i = 0; choice != NULL && i < sizeof choices / sizeof *choices; i++)
     if (strcmp(choice, choices[i]) == 0) snprintf(line, sizeof line, "background %s", choice);
@@ -359,7 +357,7 @@ static enum MHD_Result end_create(struct request *r) {
   const struct ern_http_keeper *keeper = &r->server->options.keeper;
   struct ern_http_reply reply = {.status = MHD_HTTP_BAD_REQUEST};
   if (r->asked) return pass_answer(r);
-  json_t *body = body_object(r);
+  json_t *body = body_object(r, 2);
   const char *portrait = json_string_value(json_object_get(body, "portrait"));
   const char *id = json_string_value(json_object_get(body, "id"));
   snprintf(reply.reason, sizeof reply.reason, "expected {\"portrait\": that of a session, \"id\": a new one}");
