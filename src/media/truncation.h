@@ -9,7 +9,7 @@
 
 #include "core/status.h"
 
-enum { ERN_TRUNCATION_HEAD = 512 };
+enum { ERN_TRUNCATION_HEAD = 4096 };
 /* Whether these first bytes, up to ERN_TRUNCATION_HEAD, are those of a WAV of unknown size: its sound goes on to the
  * end.
  */

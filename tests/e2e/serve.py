@@ -574,7 +574,8 @@ def test_words():
     rows = [(["--listen", "0.0.0.0"], 2, "--say-token and --watch-token"), (["--say-token", "short"], 1, "is no token"),
             (["--say-token", "gone"], 1, "gone: cannot be read"), (["--name", "../x"], 2, '--name is "../x"'),
             (["--viewers", "300"], 2, "--connections is 256"),
-            (["--voice", "de"], 2, "is espeak-ng's"), (["--listen", "127.0.0.300"], 1, "127.0.0.300"), (["--frames", "0:3"], 2, "video")]
+            (["--voice", "de"], 2, "is espeak-ng's"), (["--listen", "127.0.0.300"], 1, "127.0.0.300"), (["--frames", "0:3"], 2, "video"),
+            (["--json", "x.json"], 2, "--json has nothing"), (["-y"], 2, "changes nothing")]
     for words, expected, what in rows:
         done = subprocess.run([ERNERF, "serve", *BASE, "--port", "0", "--duration", "0.1", *words], stderr=subprocess.PIPE, text=True, timeout=PATIENCE)
         check(done.returncode == expected and what in done.stderr, f"{words}: {done.returncode} {done.stderr}")
