@@ -75,9 +75,11 @@ static ern_status write_sound(struct ern_prepare_job *job, double *moved) {
   double offset = 0, late = 0, share = 0;
   bool automatic = false;
   ERN_TRY(ern_sound_offset_read(job->context, job->options->sound_offset, &offset, &automatic));
-  *moved = offset;
   ERN_TRY(write_wav(job, offset, path, &share));
+  if (share < 0 && offset != 0)
+    ern_prepare_add_reason(job, ERN_PREPARE_DOUBTFUL, "the video has no sound that --sound-offset could move");
   if (share < 0) return ERN_OK;
+  *moved = offset;
   ern_prepare_figure(job, "speech", share);
   if (share < LEAST_SPEECH && job->options->features == NULL)
     ern_prepare_add_reason(job, ERN_PREPARE_DOUBTFUL,
