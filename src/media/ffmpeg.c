@@ -224,7 +224,11 @@ static bool is_cut_video(const struct ern_decoder *decoder) {
 static ern_status check_packet(struct ern_decoder *decoder) {
   const char *format = decoder->container->iformat->name;
   if ((decoder->packet->flags & AV_PKT_FLAG_CORRUPT) == 0) return ERN_OK;
-  if (strcmp(format, "mpegts") != 0) return ern_truncation_check_packet(decoder->context, decoder->path, format);
+  const bool ts = strcmp(format, "mpegts") == 0;
+  if (decoder->open_ended) return ERN_OK;
+  if (!ts && decoder->piped) /* which cannot be opened again, to look at its header */
+    return ern_fail(decoder->context, ERN_E_FORMAT, "%s: is damaged or cut short", decoder->path);
+  if (!ts) return ern_truncation_check_packet(decoder->context, decoder->path, format);
   if (!decoder->reported_lost)
     ern_log(decoder->context, ERN_LOG_WARNING,
             "%s: has lost or damaged packets, or is several files in one; what is there is taken", decoder->path);

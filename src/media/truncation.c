@@ -2,7 +2,6 @@
 #include "media/truncation.h"
 
 #include <inttypes.h>
-#include <stdbool.h>
 #include <stdio.h>
 #include <string.h>
 
@@ -15,23 +14,27 @@ static uint32_t little(const uint8_t *at) {
   return (uint32_t)at[0] | (uint32_t)at[1] << 8 | (uint32_t)at[2] << 16 | (uint32_t)at[3] << 24;
 }
 
+/* Whether it is a WAV file: the size of its "data" chunk, at whose bytes `file` then is, and that of the file, both by
+ * its headers. */
+static bool find_data(FILE *file, uint32_t *claimed, uint64_t *declared) {
+  uint8_t head[12] = {0};
+  bool read = fread(head, 1, 12, file) == 12 && memcmp(head, "RIFF", 4) == 0 && memcmp(head + 8, "WAVE", 4) == 0;
+  *declared = (uint64_t)little(head + 4) + 8;
+  while (read && fread(head, 1, 8, file) == 8) {
+    *claimed = little(head + 4);
+    if (memcmp(head, "data", 4) == 0) return true;
+    read = fseeko(file, (off_t)*claimed + (*claimed & 1), SEEK_CUR) == 0;
+  }
+  return false;
+}
+
 /* The size of the "data" chunk of a WAV file by its header, and the bytes that exist; *whole: the file is as long as
  * its RIFF header states. Returns false where it is not a WAV file. */
 static bool wav_data(const char *path, uint32_t *claimed, uint64_t *there, bool *whole) {
-  uint8_t head[12] = {0};
-  bool found = false;
+  uint64_t declared = 0;
   FILE *file = fopen(path, "rb");
   if (file == NULL) return false;
-  bool read = fread(head, 1, 12, file) == 12 && memcmp(head, "RIFF", 4) == 0 && memcmp(head + 8, "WAVE", 4) == 0;
-  const uint64_t declared = (uint64_t)little(head + 4) + 8;
-  while (read && !found) {
-    read = fread(head, 1, 8, file) == 8;
-    if (!read) break;
-    *claimed = little(head + 4);
-    found = memcmp(head, "data", 4) == 0;
-    const off_t skip = (off_t)*claimed + (*claimed & 1);
-    if (!found) read = fseeko(file, skip, SEEK_CUR) == 0;
-  }
+  bool found = find_data(file, claimed, &declared);
   const off_t begin = ftello(file);
   found = found && fseeko(file, 0, SEEK_END) == 0 && begin >= 0 && ftello(file) >= begin;
   if (found) {
@@ -42,8 +45,29 @@ static bool wav_data(const char *path, uint32_t *claimed, uint64_t *there, bool 
   return found;
 }
 
-/* A program that writes WAV to a pipe does not know the size: the header claims 0 or UINT32_MAX, and the sound goes on
- * to the end of the file. */
+/* Sizes that programs give which write into a pipe: */
+static bool is_open(uint32_t claimed) {
+  static const uint32_t sizes[] = {0, UINT32_MAX,                     /* FFmpeg */
+                                   0x7ffff000,                        /* espeak-ng */
+                                   0x7fffff00, UINT32_C(0x80000000)}; /* arecord */
+  for (size_t i = 0; i < sizeof sizes / sizeof *sizes; i++)
+    if (claimed == sizes[i]) return true;
+  return false;
+}
+
+bool ern_truncation_is_open(const void *head, size_t bytes) {
+  uint8_t copy[ERN_TRUNCATION_HEAD];
+  uint32_t claimed = 0;
+  uint64_t declared = 0;
+  if (bytes == 0 || bytes > sizeof copy) return false;
+  memcpy(copy, head, bytes);
+  FILE *file = fmemopen(copy, bytes, "rb");
+  if (file == NULL) return false;
+  const bool found = find_data(file, &claimed, &declared);
+  fclose(file);
+  return found && is_open(claimed);
+}
+
 ern_status ern_truncation_check_packet(ern_context *context, const char *path, const char *format) {
   uint32_t claimed = 0;
   uint64_t there = 0;
@@ -52,7 +76,7 @@ ern_status ern_truncation_check_packet(ern_context *context, const char *path, c
     return ern_fail(context, ERN_E_FORMAT, "%s: is damaged or cut short", path);
   if (claimed == 0 && whole)
     return ern_fail(context, ERN_E_SHAPE, "%s: has no sound, 0 samples, and other chunks after it", path);
-  if (claimed == 0 || claimed == UINT32_MAX) return ERN_OK;
+  if (is_open(claimed)) return ERN_OK;
   return ern_fail(context, ERN_E_FORMAT,
                   "%s: is damaged or cut short: its chunk \"data\" has %" PRIu64 " bytes, expected %" PRIu32
                   " as it says",

@@ -4,10 +4,18 @@
 #ifndef ERN_MEDIA_TRUNCATION_H
 #define ERN_MEDIA_TRUNCATION_H
 
+#include <stdbool.h>
+#include <stddef.h>
+
 #include "core/status.h"
 
-/* Call it where a packet has fewer bytes than its container claims: ERN_E_FORMAT, except for a WAV file that was
- * written to a pipe, whose header cannot know the size. */
+enum { ERN_TRUNCATION_HEAD = 4096 };
+/* Whether these first bytes, up to ERN_TRUNCATION_HEAD, are those of a WAV of unknown size: its sound goes on to the
+ * end.
+ */
+bool ern_truncation_is_open(const void *head, size_t bytes);
+/* Call it where a packet of a file, not of a pipe, has fewer bytes than its container claims: ERN_E_FORMAT, except for
+ * a WAV file that was written to a pipe, whose header cannot know the size. */
 ERN_NODISCARD ern_status ern_truncation_check_packet(ern_context *context, const char *path, const char *format);
 /* Call it where a stream ends. seconds: its length. expected: the length that its header states, 0: none. ERN_E_FORMAT
  * where it should be longer; logs a warning where the file lacks its format's end marker (Ogg). */

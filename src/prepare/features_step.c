@@ -68,14 +68,18 @@ fail:
   return status;
 }
 
-static ern_status write_sound(struct ern_prepare_job *job) {
+/* *moved: how much later the sound of the video is taken. */
+static ern_status write_sound(struct ern_prepare_job *job, double *moved) {
   ern_status status = ERN_OK;
   char path[ERN_PREPARE_PATH];
   double offset = 0, late = 0, share = 0;
   bool automatic = false;
   ERN_TRY(ern_sound_offset_read(job->context, job->options->sound_offset, &offset, &automatic));
   ERN_TRY(write_wav(job, offset, path, &share));
+  if (share < 0 && offset != 0)
+    ern_prepare_add_reason(job, ERN_PREPARE_DOUBTFUL, "the video has no sound that --sound-offset could move");
   if (share < 0) return ERN_OK;
+  *moved = offset;
   ern_prepare_figure(job, "speech", share);
   if (share < LEAST_SPEECH && job->options->features == NULL)
     ern_prepare_add_reason(job, ERN_PREPARE_DOUBTFUL,
@@ -86,6 +90,7 @@ static ern_status write_sound(struct ern_prepare_job *job) {
   if (late == 0) return ERN_OK;
   const char *where = late > 0 ? "later" : "earlier";
   if (automatic) {
+    *moved = late;
     ERN_TRY(write_wav(job, late, path, &share));
     ern_prepare_add_reason(
         job, ERN_PREPARE_GOOD,
@@ -104,7 +109,8 @@ ern_status ern_prepare_features(struct ern_prepare_job *job) {
   ern_status status = ERN_OK;
   char path[ERN_PREPARE_PATH];
   ern_features features = {0};
-  ERN_TRY(write_sound(job));
+  double moved = 0;
+  ERN_TRY(write_sound(job, &moved));
   if (job->options->features == NULL) return ern_prepare_remove_made(job, "aud.npy"); /* a file of an earlier call */
   ERN_TRY(ern_features_load(job->context, job->options->features, &features));
   ern_prepare_figure(job, "windows", (double)features.windows);
@@ -112,6 +118,11 @@ ern_status ern_prepare_features(struct ern_prepare_job *job) {
     ern_prepare_add_reason(job, ERN_PREPARE_DOUBTFUL,
                            "%s has %zu windows for %zu frames; the frames after the last window repeat it",
                            job->options->features, features.windows, job->frames);
+  if (moved != 0)
+    ern_prepare_add_reason(job, ERN_PREPARE_DOUBTFUL,
+                           "%s is taken as it is, and the sound of the clip is moved by %.2f s; expected features of "
+                           "the clip's aud.wav, not of the video's sound, or --sound-offset 0",
+                           job->options->features, -moved);
   ERN_TRY(ern_prepare_register_output(job, "aud.npy", path));
   ERN_TRY(ern_features_save(job->context, path, &features));
 fail:

@@ -138,9 +138,12 @@ void request_end(void *user, struct MHD_Connection *connection, void **request, 
   *request = NULL;
   if (r == NULL) return;
   set_deadline(server, connection, true);
-  if (r->descriptor >= 0) (void)close(r->descriptor);
   serve_lock(server);
-  if (r->last || (r->cut && r->descriptor >= 0 && r->id == r->stream->pieces.id)) serve_end_pieces(r->stream);
+  if (r->descriptor >= 0) (void)close(r->descriptor);
+  if (r->descriptor >= 0 && r->id == r->stream->pieces.id) {
+    r->stream->pieces.last = serve_seconds();
+    if (r->last || r->cut) serve_end_pieces(r->stream);
+  }
   if (r->before != NULL)
     r->before->after = r->after;
   else

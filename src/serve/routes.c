@@ -145,6 +145,8 @@ static const char *take_format(struct request *r, struct ern_http_sound *sound) 
   for (size_t i = 0; name != NULL && i < sizeof known / sizeof *known; i++)
     if (strcmp(name, known[i]) == 0) sound->format = known[i];
   if (name != NULL && sound->format == NULL) return "format: expected s16le, s16be, f32le, mulaw or alaw";
+  if (name == NULL && (query(r, "rate") != NULL || query(r, "channels") != NULL))
+    return "rate and channels are about samples without a header: expected a format too";
   if (!take_number(r, "rate", 1000, 384000, 16000, &sound->rate)) return "rate: expected 1000 to 384000";
   if (!take_number(r, "channels", 1, 8, 1, &sound->channels)) return "channels: expected 1 to 8";
   return NULL;
@@ -165,13 +167,13 @@ static bool goes_on(struct request *r, const char **why) {
   struct pieces *pieces = &r->stream->pieces;
   *why = key != NULL && (key[0] == 0 || strlen(key) >= ID_BYTES) ? "stream: expected 1 to 63 characters" : NULL;
   if (key == NULL || *why != NULL) return false;
-  r->last = query(r, "end") != NULL;
   serve_lock(r->server);
   const bool same = strcmp(pieces->key, key) == 0;
   if (same && pieces->descriptor < 0) *why = "the sound with this key has ended, or was stopped; expected another key";
   if (same && *why == NULL) r->descriptor = fcntl(pieces->descriptor, F_DUPFD_CLOEXEC, 0);
   if (same) r->id = pieces->id;
-  pieces->last = serve_seconds();
+  if (same) pieces->last = serve_seconds();
+  r->last = r->descriptor >= 0 && query(r, "end") != NULL;
   serve_unlock(r->server);
   return same && *why == NULL && r->descriptor >= 0;
 }
@@ -187,6 +189,7 @@ static void keep_pipe(struct request *r) {
   pieces->id = r->id;
   pieces->last = serve_seconds();
   pieces->descriptor = fcntl(r->descriptor, F_DUPFD_CLOEXEC, 0);
+  r->last = query(r, "end") != NULL;
   serve_unlock(r->server);
 }
 
@@ -204,18 +207,23 @@ static enum MHD_Result begin_say(struct request *r) {
   why = take_format(r, &sound);
   if (why != NULL) return refuse(r, MHD_HTTP_BAD_REQUEST, why);
   if (!serve_enter(r->stream)) return refuse(r, MHD_HTTP_GONE, gone);
-  r->id = r->stream->actions->sound(r->stream->user, &sound, &r->descriptor, &reply);
+  int descriptor = -1;
+  const unsigned id = r->stream->actions->sound(r->stream->user, &sound, &descriptor, &reply);
   serve_leave(r->stream);
+  serve_lock(r->server);
+  r->id = id;
+  r->descriptor = descriptor;
+  serve_unlock(r->server);
   if (r->id == 0) return refuse(r, reply.status, reply.reason);
   keep_pipe(r);
   queued(r);
   return MHD_YES;
 }
 
-/* The body as JSON, an object; NULL: it is none. */
-static json_t *body_object(struct request *r) {
+/* The body as JSON, an object of so many members; NULL: it is none. */
+static json_t *body_object(struct request *r, size_t members) {
   json_t *body = r->body != NULL ? json_loadb(r->body, r->count, JSON_REJECT_DUPLICATES, NULL) : NULL;
-  if (json_is_object(body)) return body;
+  if (json_object_size(body) == members) return body;
   json_decref(body);
   return NULL;
 }
@@ -239,7 +247,7 @@ static enum MHD_Result end_say(struct request *r) {
   struct ern_http_reply reply = {.status = MHD_HTTP_INTERNAL_SERVER_ERROR};
   if (r->id > 0) return accepted(r);
   json_t *body = is_type(r, "application/json")
-                     ? body_object(r)
+                     ? body_object(r, 1)
                      : json_pack("{s:o*}", "text", json_stringn(r->body != NULL ? r->body : "", r->count));
   const char *text = json_string_value(json_object_get(body, "text"));
   const char *reason = NULL;
@@ -302,14 +310,12 @@ static enum MHD_Result begin_text(struct request *r) {
 static enum MHD_Result end_pose(struct request *r) {
   char line[64] = "";
   if (r->asked) return pass_answer(r);
-  json_t *body = body_object(r), *hold = json_object_get(body, "hold"), *eyes = json_object_get(body, "eyes");
-  if (json_object_size(body) == 1 && json_is_boolean(hold))
-    snprintf(line, sizeof line, "hold %s", json_is_true(hold) ? "on" : "off");
-  if (json_object_size(body) == 1 && json_is_null(eyes)) snprintf(line, sizeof line, "eyes clip");
+  json_t *body = body_object(r, 1), *hold = json_object_get(body, "hold"), *eyes = json_object_get(body, "eyes");
+  if (json_is_boolean(hold)) snprintf(line, sizeof line, "hold %s", json_is_true(hold) ? "on" : "off");
+  if (json_is_null(eyes)) snprintf(line, sizeof line, "eyes clip");
   const double eye = json_is_number(eyes) ? json_number_value(eyes) : -1;
   const int millionths = eye >= 0 && eye <= 1 ? (int)(1e6 * eye + 0.5) : -1;
-  if (json_object_size(body) == 1 && millionths >= 0)
-    snprintf(line, sizeof line, "eyes %d.%06d", millionths / 1000000, millionths % 1000000);
+  if (millionths >= 0) snprintf(line, sizeof line, "eyes %d.%06d", millionths / 1000000, millionths % 1000000);
   json_decref(body);
   if (line[0] == 0)
     return answer_error(
@@ -332,7 +338,7 @@ static enum MHD_Result end_background(struct request *r) {
     r->body = NULL;
     return ask(r, "background", bytes, r->count);
   }
-  json_t *body = body_object(r);
+  json_t *body = body_object(r, 1);
   const char *choice = json_string_value(json_object_get(body, "colour"));
   for (size_t i = 0; choice != NULL && i < sizeof choices / sizeof *choices; i++)
     if (strcmp(choice, choices[i]) == 0) snprintf(line, sizeof line, "background %s", choice);
@@ -351,7 +357,7 @@ static enum MHD_Result end_create(struct request *r) {
   const struct ern_http_keeper *keeper = &r->server->options.keeper;
   struct ern_http_reply reply = {.status = MHD_HTTP_BAD_REQUEST};
   if (r->asked) return pass_answer(r);
-  json_t *body = body_object(r);
+  json_t *body = body_object(r, 2);
   const char *portrait = json_string_value(json_object_get(body, "portrait"));
   const char *id = json_string_value(json_object_get(body, "id"));
   snprintf(reply.reason, sizeof reply.reason, "expected {\"portrait\": that of a session, \"id\": a new one}");

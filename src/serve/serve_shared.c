@@ -58,8 +58,9 @@ void serve_release(struct ern_http_stream *s) {
 }
 
 void serve_tell(struct ern_http_stream *s, const char *word, unsigned id, double seconds, const char *reason) {
-  json_t *data = json_pack("{s:s, s:I, s:o*, s:s*}", "session", s->id, "id", (json_int_t)id, "seconds",
-                           seconds >= 0 ? json_real(seconds) : NULL, "reason", reason);
+  json_t *why = reason != NULL ? json_string(reason) : NULL; /* left out where it is no UTF-8, as a name of a file */
+  json_t *data = json_pack("{s:s, s:I, s:o*, s:o*}", "session", s->id, "id", (json_int_t)id, "seconds",
+                           seconds >= 0 ? json_real(seconds) : NULL, "reason", why);
   char *line = data != NULL ? json_dumps(data, JSON_COMPACT | JSON_REAL_PRECISION(9)) : NULL;
   if (line != NULL) {
     events_add(&s->events, word, line);

@@ -26,6 +26,13 @@ static void end_late(struct ern_http_server *server) {
     if (line->since > 0 && now > line->since + server->options.patience) (void)shutdown(line->descriptor, SHUT_RDWR);
 }
 
+/* A piece may take as long as the sound before it is heard. */
+static bool piece_comes(const struct ern_http_stream *s) {
+  for (const struct request *r = s->server->requests; r != NULL; r = r->after)
+    if (r->stream == s && r->descriptor >= 0 && r->id == s->pieces.id) return true;
+  return false;
+}
+
 static void *keep(void *user) {
   struct ern_http_server *server = user;
   while (!atomic_load(&server->stopping)) {
@@ -33,7 +40,7 @@ static void *keep(void *user) {
     serve_lock(server);
     end_late(server);
     for (struct ern_http_stream *s = server->streams; s != NULL; s = s->following)
-      if (serve_seconds() > s->pieces.last + PIECE_PATIENCE) serve_end_pieces(s);
+      if (serve_seconds() > s->pieces.last + PIECE_PATIENCE && !piece_comes(s)) serve_end_pieces(s);
     serve_wake(server, NULL, WAITS_PIPE);
     serve_wake(server, NULL, WAITS_EVENT); /* for their empty lines */
     serve_unlock(server);

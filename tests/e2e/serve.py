@@ -265,9 +265,13 @@ def test_refused(server):
             ("POST", "/v1/sessions/head/say", b"a\0b", "text/plain", 400), ("POST", "/v1/sessions/head/say", b"\xff", "text/plain", 400),
             ("POST", "/v1/sessions/head/say", b'{"text": 3}', "application/json", 400),
             ("POST", "/v1/sessions/head/say", b'{"text": "a"', "application/json", 400),
+            ("POST", "/v1/sessions/head/say", b'{"text": "a", "voice": "de"}', "application/json", 400),
+            ("POST", "/v1/sessions/head/background", b'{"colour": "white", "x": 1}', "application/json", 400),
+            ("POST", "/v1/sessions", b'{"portrait": "head", "id": "x", "size": 8}', "application/json", 400),
             ("POST", "/v1/sessions/head/say", b"x" * 20000, "text/plain", 413),
             ("POST", "/v1/sessions/head/say?format=mp9", b"x", "audio/raw", 400),
-            ("POST", "/v1/sessions/head/say?format=s16le&rate=-3", b"x", "audio/raw", 400)]
+            ("POST", "/v1/sessions/head/say?format=s16le&rate=-3", b"x", "audio/raw", 400),
+            ("POST", "/v1/sessions/head/say?rate=8000", b"x", "audio/wav", 400)]
     for method, path, body, kind, expected in rows:
         status, answer = server.ask(method, path, body, kind=kind)
         check(status == expected and "error" in answer, f"{method} {path} {body!r:.40}: {status} {answer}")
@@ -312,6 +316,16 @@ def test_pieces(server):
     until(lambda: send("b")[0] == 409, "a piece after a stop is refused")
     number = send("c")[1]["id"]  # its page is closed: it ends by itself
     await_event(events, "ended", number)
+    long = lambda: server.ask("POST", "/v1/sessions/head/say?format=s16le", 37 * tone, kind="audio/raw")
+    threading.Thread(target=long, daemon=True).start()
+    time.sleep(0.3)
+    began = time.monotonic()
+    status, answer = server.ask("POST", path + "d", 11 * tone, kind="audio/raw")
+    check(status == 202 and time.monotonic() - began > 3.5, "a piece waits for the sound before it")
+    check(send("x", "&end=1&rate=7")[0] == 400, "a piece that is refused")
+    check(send("d", "&end=1")[1].get("id") == answer["id"], "a piece after one that waited")
+    server.ask("POST", "/v1/sessions/head/stop")
+    await_event(events, "interrupted", answer["id"])
     events.close()
 
 
@@ -319,6 +333,10 @@ def test_speech_fails(server):
     """A program that is killed fails its utterance alone."""
     events = Reader(server, "/v1/sessions/head/events")
     until(lambda: b":" in events.body(), "the events' first line")
+    with open("clip/aud.wav", "rb") as file:
+        status, answer = server.ask("POST", "/v1/sessions/head/say", file.read()[:20001], kind="audio/wav")
+    check("cut short" in await_event(events, "failed", answer["id"])["reason"], "a sound that is cut")
+    await_event(events, "started", answer["id"])
     number = server.say("hang")
     until(lambda: os.path.exists("pid.txt"), "the program's number")
     with open("pid.txt") as file:
@@ -490,8 +508,17 @@ def test_sessions():
         await_event(events, "ended", answer["id"])
         viewer.close()
         check_stream(Stream(viewer), "a recorded video")
-    names = os.listdir("recorded")
-    check(len(names) == 1 and re.fullmatch(r"filmed-\d{8}T\d{6}Z\.mp4", names[0]), f"{names}")
+        ask = lambda: server.ask("POST", "/v1/sessions", b'{"portrait": "filmed", "id": "short"}', kind="application/json")
+        for _ in range(4):  # in a second or two
+            check(ask()[0] == 200, "a further session")
+            until(lambda: any(session["written"] > 1 for session in server.ask("GET", "/state")[1]["sessions"] if session["id"] == "short"), "frames")
+            check(server.ask("DELETE", "/v1/sessions/short")[0] == 200, "its end")
+    names = sorted(os.listdir("recorded"))
+    check(len(names) == 5 and all(re.fullmatch(r"short-\d{8}T\d{6}Z(-\d)?\.mp4", name) for name in names[1:]), f"{names}")
+    for name in names[1:]:
+        os.remove(os.path.join("recorded", name))
+    names = names[:1]
+    check( re.fullmatch(r"filmed-\d{8}T\d{6}Z\.mp4", names[0]), f"{names}")
     with open(os.path.join("recorded", names[0]), "rb") as file:
         data = file.read()
     check(len([1 for kind, _ in boxes(data) if kind == "moof"]) > 30, "the recording has few fragments")
@@ -517,6 +544,9 @@ def test_further_sessions(server):
     viewers = [Reader(server, f"/v1/sessions/{id_}/stream") for id_ in ("head", "second")]
     status, answer = server.ask("POST", "/v1/sessions/second/say", b"hello", kind="text/plain")
     check(status == 202 and answer["id"] == 1, f"{answer}")
+    until(lambda: server.ask("GET", "/state")[1]["sessions"][1]["speaking"], "the second session's speech")
+    text = server.ask("GET", "/metrics")[1].decode()
+    check('ernerf_session_speaking{session="second"} 1' in text and "null" not in text, text)
     until(lambda: all(viewer.bytes.count(b"moof") > 10 for viewer in viewers), "their pictures")
     made = ["head", "second"]
     for k in range(40 if LONG else 1):
@@ -544,7 +574,8 @@ def test_words():
     rows = [(["--listen", "0.0.0.0"], 2, "--say-token and --watch-token"), (["--say-token", "short"], 1, "is no token"),
             (["--say-token", "gone"], 1, "gone: cannot be read"), (["--name", "../x"], 2, '--name is "../x"'),
             (["--viewers", "300"], 2, "--connections is 256"),
-            (["--voice", "de"], 2, "is espeak-ng's"), (["--listen", "127.0.0.300"], 1, "127.0.0.300"), (["--frames", "0:3"], 2, "video")]
+            (["--voice", "de"], 2, "is espeak-ng's"), (["--listen", "127.0.0.300"], 1, "127.0.0.300"), (["--frames", "0:3"], 2, "video"),
+            (["--json", "x.json"], 2, "--json has nothing"), (["-y"], 2, "changes nothing")]
     for words, expected, what in rows:
         done = subprocess.run([ERNERF, "serve", *BASE, "--port", "0", "--duration", "0.1", *words], stderr=subprocess.PIPE, text=True, timeout=PATIENCE)
         check(done.returncode == expected and what in done.stderr, f"{words}: {done.returncode} {done.stderr}")

@@ -72,6 +72,18 @@ static void expect_none_begun(const char *folder) {
   assert_int_equal(system(command), 0);
 }
 
+/* Features of the video's sound do not fit a sound that is moved. */
+static void test_moved_sound(void **state) {
+  (void)state;
+  cli_run(&cli, "prepare v.mp4 -o clip --size 160 --features truth/aud_ds.npy --sound-offset 0.1");
+  cli_expect(&cli, 0, "features: doubtful", "truth/aud_ds.npy is taken as it is", "is moved by -0.10 s", NULL);
+  cli_run(&cli, "prepare v.mp4 -o clip --size 160 --features truth/aud_ds.npy --sound-offset 0");
+  cli_expect(&cli, 0, "clip: 30 frames", NULL);
+  assert_null(strstr(cli.err, "as it is"));
+  cli_run(&cli, "prepare v.mp4 -o clip --size 160 --quiet");
+  cli_expect(&cli, 0, NULL);
+}
+
 static void test_whole(void **state) {
   (void)state;
   static const char *const steps[] = {"face", "pose", "landmarks", "layers", "eyes", "features"};
@@ -394,6 +406,7 @@ static void test_replaced_long(void **state) {
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_whole),
                                      cmocka_unit_test(test_truth),
+                                     cmocka_unit_test(test_moved_sound),
                                      cmocka_unit_test(test_comma_locale_long),
                                      cmocka_unit_test(test_sound_ends_early),
                                      cmocka_unit_test(test_supplied_unread_long),

@@ -64,6 +64,15 @@ static void await_pushed(uint64_t samples) {
   for (size_t waiting = 1; waiting > 0;) (void)live_sound_speaking(&sound, &waiting);
 }
 
+/* Until the utterances that wait are read; then another program may be named. */
+static void await_read(void) {
+  for (bool reads = true; reads; nap()) {
+    (void)pthread_mutex_lock(&sound.mutex);
+    reads = sound.current > 0 || sound.utterance_count > 0;
+    (void)pthread_mutex_unlock(&sound.mutex);
+  }
+}
+
 static void pull(void) {
   const ern_live_frame *frame = NULL;
   bool ended = false;
@@ -72,17 +81,23 @@ static void pull(void) {
   heard += frame->samples;
 }
 
-/* Pulls frames until one has an event. */
-static void expect(enum live_event event, unsigned id) {
+/* Pulls frames until one has an event, which has a reason with these words, or none (NULL). */
+static void expect_with(enum live_event event, unsigned id, const char *words) {
   enum live_event got = LIVE_NONE;
   unsigned whose = 0;
-  for (int i = 0; i < 500 && (got = live_sound_event(&sound, heard, &whose)) == LIVE_NONE; i++) {
+  char *why = NULL;
+  for (int i = 0; i < 500 && (got = live_sound_event(&sound, heard, &whose, &why)) == LIVE_NONE; i++) {
     pull();
     nap();
   }
   assert_int_equal(got, event);
   assert_int_equal(whose, id);
+  if (words == NULL) assert_null(why);
+  if (words != NULL && (why == NULL || strstr(why, words) == NULL)) fail_msg("\"%s\" is not in: %s", words, why);
+  free(why);
 }
+
+static void expect(enum live_event event, unsigned id) { expect_with(event, id, NULL); }
 
 static void test_begin_and_end(void **state) {
   size_t waiting = 0;
@@ -99,7 +114,7 @@ static void test_begin_and_end(void **state) {
   assert_int_equal(live_sound_speaking(&sound, &waiting), 1);
   expect(LIVE_ENDED, 1);
   assert_true(heard >= begin + SAMPLES && heard < begin + SAMPLES + FRAME);
-  expect(LIVE_FAILED, 2);
+  expect_with(LIVE_FAILED, 2, "gone.wav");
   expect(LIVE_STARTED, 3);
   assert_true(heard > begin + SAMPLES && heard <= begin + SAMPLES + FRAME);
   expect(LIVE_ENDED, 3);
@@ -173,16 +188,52 @@ static void test_tts_fails(void **state) {
   make_program("./text.sh", "echo this is no sound");
   speak_by("./gone.sh", NULL);
   assert_int_equal(live_sound_say(&sound, true, "a"), 1);
-  expect(LIVE_FAILED, 1);
+  expect_with(LIVE_FAILED, 1, "gone.sh");
   expect_error("--tts ./gone.sh: cannot be started: No such file");
   speak_by("./fails.sh", NULL);
   assert_int_equal(live_sound_say(&sound, true, "a"), 2);
-  expect(LIVE_FAILED, 2);
+  expect_with(LIVE_FAILED, 2, "exit status 3");
   expect_error("--tts ./fails.sh: ended with exit status 3");
   speak_by("./text.sh", NULL);
   assert_int_equal(live_sound_say(&sound, true, "a"), 3);
-  expect(LIVE_FAILED, 3);
+  expect_with(LIVE_FAILED, 3, "is no sound");
   expect_error("./text.sh: is no sound");
+}
+
+/* Sound that is heard in part fails where that ends, each with its own reason, also where the next one was read then.
+ */
+static void test_tts_breaks_off(void **state) {
+  (void)state;
+  make_program("./exits.sh", "cat said.wav; exit 3");
+  make_program("./killed.sh", "cat said.wav; kill -9 $$");
+  make_program("./cut.sh", "head -c 20000 said.wav");
+  static const char *const programs[] = {"./exits.sh", "./killed.sh", "./cut.sh"};
+  static const char *const words[] = {"exit status 3", "exit status 137", "cut short"};
+  for (unsigned i = 0; i < 3; i++) {
+    speak_by(programs[i], NULL);
+    assert_int_equal(live_sound_say(&sound, true, "a"), i + 1);
+    await_read();
+  }
+  for (unsigned i = 0; i < 3; i++) {
+    expect(LIVE_STARTED, i + 1);
+    expect_with(LIVE_FAILED, i + 1, words[i]);
+  }
+}
+
+/* What is written into a pipe does not know its size. */
+static void test_tts_of_no_known_size(void **state) {
+  (void)state;
+  for (unsigned i = 0; i < 2; i++) {
+    static const char *const sizes[] = {"\\000\\360\\377\\177", "\\377\\377\\377\\377"};
+    char line[256];
+    snprintf(line, sizeof line, "head -c 40 said.wav; printf '%s'; tail -c +45 said.wav; sleep 0.2", sizes[i]);
+    make_program("./open.sh", line);
+    speak_by("./open.sh", NULL);
+    assert_int_equal(live_sound_say(&sound, true, "a"), i + 1);
+    expect(LIVE_STARTED, i + 1);
+    expect(LIVE_ENDED, i + 1);
+    assert_int_equal(atomic_load(&sound.samples_pushed), (i + 1) * SAMPLES);
+  }
 }
 
 static unsigned dropped[8];
@@ -246,7 +297,13 @@ static void test_pipe(void **state) {
 #define TEST(name) cmocka_unit_test_setup_teardown(name, set_up, tear_down)
 int main(void) {
   (void)signal(SIGPIPE, SIG_IGN);
-  const struct CMUnitTest tests[] = {TEST(test_begin_and_end), TEST(test_cancel),          TEST(test_tts),
-                                     TEST(test_tts_fails),     TEST(test_cancel_ends_tts), TEST(test_pipe)};
+  const struct CMUnitTest tests[] = {TEST(test_begin_and_end),
+                                     TEST(test_cancel),
+                                     TEST(test_tts),
+                                     TEST(test_tts_fails),
+                                     TEST(test_cancel_ends_tts),
+                                     TEST(test_pipe),
+                                     TEST(test_tts_breaks_off),
+                                     TEST(test_tts_of_no_known_size)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -244,7 +244,7 @@ static void test_sound_and_picture_in_step(void **state) {
   }
 }
 
-/* An AVI has no times of display: FFmpeg gives the last of its frames none where there are B-frames. */
+/* An AVI has no times of display: with B-frames FFmpeg gives the last frame none, and the others are late by two. */
 static void test_avi_with_b_frames(void **state) {
   (void)state;
   enum { SIDE = 32, FRAMES = 20 };
@@ -253,7 +253,7 @@ static void test_avi_with_b_frames(void **state) {
   ern_video_writer *writer = NULL;
   ern_video_reader *reader = NULL;
   ern_image image = {0};
-  double seconds = 0, before = -1;
+  double seconds = 0;
   bool end = false;
   int count = 0;
   support_ok(context, ern_video_writer_open(context, "b.mp4", &options, &writer));
@@ -264,15 +264,17 @@ static void test_avi_with_b_frames(void **state) {
   support_ok(context, ern_video_writer_close(&writer));
   copy_pictures("b.mp4", "b.avi", AV_FIELD_PROGRESSIVE);
   support_ok(context, ern_video_reader_open(context, "b.avi", &reader));
-  for (;; count++, before = seconds) {
+  for (;; count++) {
     support_ok(context, ern_video_reader_frame(reader, &image, &seconds, &end));
     if (end) break;
-    assert_true(seconds > before);
+    assert_true(seconds == count / 25.0);
   }
   assert_int_equal(count, FRAMES);
-  support_ok(context, ern_video_reader_seek(reader, before)); /* the last frame */
-  support_ok(context, ern_video_reader_frame(reader, &image, &seconds, &end));
-  assert_true(!end && seconds == before);
+  for (int k = FRAMES - 1; k >= 0; k--) {
+    support_ok(context, ern_video_reader_seek(reader, k / 25.0));
+    support_ok(context, ern_video_reader_frame(reader, &image, &seconds, &end));
+    assert_true(!end && seconds == k / 25.0);
+  }
   ern_image_free(context, &image);
   ern_video_reader_free(&reader);
 }

@@ -8,7 +8,7 @@
 #include "ernerf/media.h"
 #include "fuzz.h"
 
-enum { FILES = 13, SIDE = 8 };
+enum { FILES = 14, SIDE = 8 };
 static const char *const names[FILES] = {"transforms_train.json",
                                          "transforms_val.json",
                                          "bc.jpg",
@@ -21,7 +21,8 @@ static const char *const names[FILES] = {"transforms_train.json",
                                          "torso_imgs/0.png",
                                          "torso_imgs/1.png",
                                          "ori_imgs/0.lms",
-                                         "ori_imgs/1.lms"};
+                                         "ori_imgs/1.lms",
+                                         "torso.csv"};
 
 struct good {
   uint8_t *bytes[FILES];
@@ -88,6 +89,8 @@ static void make(struct good *good, ern_context *context) {
   text[0] = 0;
   for (int i = 0; i < 68; i++) snprintf(text + strlen(text), sizeof text - strlen(text), "%d %d.5\n", i % 8, i / 9);
   for (int file = 11; file < 13; file++) keep_text(good, file, text);
+  keep_text(good, 13,
+            "frame,row_row,row_column,row,column_row,column_column,column\n0,0,0,-0.1,0,0,0.2\n1,0,0,0.1,0,0,-1e3\n");
   const char *const folders[] = {"clip", "clip/gt_imgs", "clip/torso_imgs", "clip/ori_imgs"};
   for (size_t i = 0; i < 4; i++) mkdir(folders[i], 0755);
 }
@@ -128,6 +131,7 @@ static void look_at(ern_context *context, ern_clip *clip) {
       ern_dataset_frame frame;
       FUZZ_REQUIRE(data.frame(data.user, split, i, &frame) == ERN_OK);
       FUZZ_REQUIRE(frame.eye >= 0 && frame.eye <= 1 && frame.aud_id < (int64_t)data.features->windows);
+      for (int k = 0; k < 6; k++) FUZZ_REQUIRE(fabsf(frame.torso_motion[k]) <= 1e3f);
       if (ern_clip_pixels(clip, (ern_split)split, i, &truth, &torso) != ERN_OK) {
         fuzz_refused(context, "clip/");
         continue;

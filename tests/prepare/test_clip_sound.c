@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT
  * How late a sound is against a mouth, and how much of it is speech. */
+#include "ernerf/media.h"
 #include "prepare/clip_sound.h"
 #include "prepare/jaw_weights.h"
 #include "prepare_test.h"
@@ -87,8 +88,30 @@ static void test_offset(void **state) {
   ern_context_free(&context);
 }
 
+/* A video without sound has none to move, and its features are not said to stay behind. */
+static void test_offset_without_sound(void **state) {
+  (void)state;
+  static uint8_t rgba[64 * 64 * 4];
+  const ern_video_options shape = ern_video_options_default(64, 64);
+  double jaw[8] = {0};
+  ern_features features = heard(jaw, 8);
+  ern_video_writer *writer = NULL;
+  struct made_job m;
+  made_job_open(&m, "clip", 64, 8);
+  support_ok(m.job.context, ern_features_save(m.job.context, "own.npy", &features));
+  support_ok(m.job.context, ern_video_writer_open(m.job.context, "mute.mp4", &shape, &writer));
+  for (int i = 0; i < 8; i++) support_ok(m.job.context, ern_video_writer_frame(writer, rgba));
+  support_ok(m.job.context, ern_video_writer_close(&writer));
+  m.job.video = "mute.mp4";
+  m.options.features = "own.npy";
+  m.options.sound_offset = "0.3";
+  support_ok(m.job.context, ern_prepare_features(&m.job));
+  assert_string_equal(m.verdict.words, "the video has no sound that --sound-offset could move");
+  made_job_close(&m);
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_lag), cmocka_unit_test(test_speech_share),
-                                     cmocka_unit_test(test_offset)};
+                                     cmocka_unit_test(test_offset), cmocka_unit_test(test_offset_without_sound)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -28,11 +28,18 @@ static int await(const struct ern_descriptor_io *io, short events) {
   }
 }
 
+static void keep_head(struct ern_descriptor_io *io, const uint8_t *bytes, size_t count) {
+  const size_t room = sizeof io->head - io->head_bytes, taken = count < room ? count : room;
+  memcpy(io->head + io->head_bytes, bytes, taken);
+  io->head_bytes += taken;
+}
+
 static int read_some(void *user, uint8_t *bytes, int count) {
   for (;;) {
     const int error = await(user, POLLIN);
     if (error < 0) return error;
     const ssize_t got = read(((struct ern_descriptor_io *)user)->descriptor, bytes, (size_t)count);
+    if (got > 0) keep_head(user, bytes, (size_t)got);
     if (got > 0) return (int)got;
     if (got == 0) return AVERROR_EOF;
     if (errno != EINTR && errno != EAGAIN) return AVERROR(errno);

@@ -8,6 +8,7 @@
 #include <stdbool.h>
 
 #include "core/status.h"
+#include "media/truncation.h"
 
 struct ern_descriptor_io {
   AVIOContext *io;
@@ -17,6 +18,8 @@ struct ern_descriptor_io {
   int (*stop)(void *user);
   int (*take)(void *user, const uint8_t *bytes, size_t count); /* takes what is written, in place of the descriptor */
   void *user;
+  uint8_t head[ERN_TRUNCATION_HEAD]; /* the first bytes that were read */
+  size_t head_bytes;
 };
 
 /* path: "-" is standard input or output; any other path is opened, a FIFO once its other end is open. The struct must

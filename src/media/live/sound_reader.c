@@ -14,6 +14,7 @@
 #include "media/live/address.h"
 #include "media/live/descriptor_io.h"
 #include "media/mono.h"
+#include "media/truncation.h"
 
 enum { LEAST_RATE = 1000, MOST_RATE = 384000, MOST_CHANNELS = ERN_MONO_MOST, MIXED = 4096 /* frames at a time */ };
 
@@ -106,6 +107,8 @@ static ern_status open_input(ern_sound_reader *r, const char *url) {
   if (error >= 0) error = describe(&r->options, device, &input.options);
   if (error < 0) ERN_TRY(ern_fail(context, ERN_E_NO_MEMORY, "%s: no memory", url));
   status = ern_decoder_open_live(context, url, &input, &r->decoder);
+  r->decoder.piped = pipe;
+  r->decoder.open_ended = pipe && ern_truncation_is_open(r->pipe.head, r->pipe.head_bytes);
 fail:
   av_dict_free(&input.options);
   ern_release(context, file);

@@ -41,6 +41,7 @@ struct ern_video_reader {
   bool found;                /* decoder.frame is the frame that a seek found, and the next one to be read */
   int64_t first, until;      /* time stamps: of the first frame, and of the end of the last one so far */
   bool has_first, sought;    /* sought: not read from the beginning on */
+  int64_t delay;             /* by which the decoder's time stamps are late */
   int64_t due;               /* when the frame after the last decoded one is due; AV_NOPTS_VALUE: not known */
   bool told_transparent;
 };
@@ -113,6 +114,16 @@ static void describe(ern_video_reader *reader) {
   copy_name(info->sound_codec, avcodec_get_name(parameters->codec_id));
 }
 
+/* An AVI has no times of display: FFmpeg gives a frame that of the packet which the decoder needed before it gave the
+ * frame out, and with B-frames that is a later one. */
+static int64_t delay_of(const struct ern_decoder *decoder) {
+  const AVStream *stream = decoder->stream;
+  const int packets = decoder->codec->has_b_frames;
+  if (strcmp(decoder->container->iformat->name, "avi") != 0 || packets <= 0 || stream->avg_frame_rate.num <= 0)
+    return 0;
+  return av_rescale_q(packets, av_inv_q(stream->avg_frame_rate), stream->time_base);
+}
+
 ern_status ern_video_reader_open(ern_context *context, const char *path, ern_video_reader **reader) {
   ERN_PLAIN_FLOATS;
   if (reader != NULL) *reader = NULL;
@@ -126,6 +137,7 @@ ern_status ern_video_reader_open(ern_context *context, const char *path, ern_vid
   ERN_TRY(ern_decoder_open(context, path, AVMEDIA_TYPE_VIDEO, 0, &made->decoder));
   ERN_TRY(ern_image_check_sides(context, path, made->decoder.codec->width, made->decoder.codec->height));
   describe(made);
+  made->delay = delay_of(&made->decoder);
   if (made->decoder.stream->codecpar->field_order > AV_FIELD_PROGRESSIVE)
     ern_log(context, ERN_LOG_WARNING,
             "%s: is interlaced: each of its frames shows two instants, in alternate rows; expected one that is not, as "
@@ -332,7 +344,10 @@ static ern_status next_frame(ern_video_reader *reader, bool *end) {
   const AVStream *stream = reader->decoder.stream;
   const ern_status status = ern_decoder_next(&reader->decoder, end);
   if (status != ERN_OK || *end) return status;
-  if (frame->best_effort_timestamp == AV_NOPTS_VALUE) frame->best_effort_timestamp = reader->due;
+  if (frame->best_effort_timestamp == AV_NOPTS_VALUE)
+    frame->best_effort_timestamp = reader->due;
+  else
+    frame->best_effort_timestamp -= reader->delay;
   int64_t lasts = frame->pkt_duration;
   if (lasts <= 0 && stream->avg_frame_rate.num > 0)
     lasts = av_rescale_q(1, av_inv_q(stream->avg_frame_rate), stream->time_base);

@@ -210,10 +210,10 @@ void live_control_answer(struct live_control *control, const char *text) {
 
 bool live_control_hears(const struct live_control *control) { return control->path != NULL || control->front != NULL; }
 
-void live_control_event(struct live_control *control, const char *word, unsigned id, double seconds) {
+void live_control_event(struct live_control *control, const char *word, unsigned id, const char *why) {
   char text[64];
   if (control->front != NULL) {
-    control->front->event(control->front->user, word, id, seconds);
+    control->front->event(control->front->user, word, id, why);
     return;
   }
   snprintf(text, sizeof text, "%s %u", word, id);

@@ -13,11 +13,10 @@ enum { LIVE_LINE = 4096 };
 
 /* Another source of lines than standard input or a socket. All is called on the drawing thread. */
 struct live_front {
-  const char *(*line)(void *user);               /* as live_control_line; called before each frame */
-  void (*answer)(void *user, const char *text);  /* as live_control_answer */
-  void (*trouble)(void *user, const char *text); /* why an utterance gave no sound, or not all of it */
-  /* word: "started", "ended" or "failed"; seconds: at which the frame is shown */
-  void (*event)(void *user, const char *word, unsigned id, double seconds);
+  const char *(*line)(void *user);              /* as live_control_line; called before each frame */
+  void (*answer)(void *user, const char *text); /* as live_control_answer */
+  /* word: "started", "ended" or "failed"; why: it failed, NULL: not said */
+  void (*event)(void *user, const char *word, unsigned id, const char *why);
   void *user;
 };
 
@@ -52,7 +51,7 @@ void live_control_answer(struct live_control *control, const char *text);
 /* Whether anybody may ask. */
 bool live_control_hears(const struct live_control *control);
 /* Tells the client, if there is one, what became of an utterance (struct live_front). */
-void live_control_event(struct live_control *control, const char *word, unsigned id, double seconds);
+void live_control_event(struct live_control *control, const char *word, unsigned id, const char *why);
 void live_control_stop(struct live_control *control); /* in any state */
 
 #endif

@@ -144,7 +144,6 @@ static void apply_control(struct live_job *job) {
   if (job->frames == 0) return; /* where none comes, the error of the sound is why, and the last thing that is said */
   char *error = live_sound_take_error(&job->sound);
   if (error != NULL) session_warn(&job->session, "%s", error);
-  if (error != NULL && job->commands.front != NULL) job->commands.front->trouble(job->commands.front->user, error);
   free(error);
 }
 
@@ -152,9 +151,10 @@ static void apply_control(struct live_job *job) {
 static void tell_events(struct live_job *job, const ern_live_frame *frame) {
   static const char *const words[] = {[LIVE_STARTED] = "started", [LIVE_ENDED] = "ended", [LIVE_FAILED] = "failed"};
   unsigned id = 0;
+  char *why = NULL;
   job->heard += frame->samples;
-  for (enum live_event event; (event = live_sound_event(&job->sound, job->heard, &id)) != LIVE_NONE;)
-    live_control_event(&job->commands, words[event], id, frame->seconds);
+  for (enum live_event event; (event = live_sound_event(&job->sound, job->heard, &id, &why)) != LIVE_NONE; free(why))
+    live_control_event(&job->commands, words[event], id, why);
 }
 
 /* Samples that the first frame needs, else it would get silence: its own duration or its look-ahead (ern_live_options).

@@ -25,6 +25,8 @@ static void remember(struct live_sound *sound, const char *text) {
   (void)pthread_mutex_lock(&sound->mutex);
   free(sound->error);
   sound->error = strdup(text);
+  free(sound->why);
+  sound->why = strdup(text);
   (void)pthread_mutex_unlock(&sound->mutex);
 }
 
@@ -54,34 +56,41 @@ static ern_status push(struct live_sound *sound, const float *samples, size_t fr
 
 /* ---- marks: where utterances are in the sound -------------------------------------------------------------------- */
 
-/* Waits for a place: an utterance may be shorter than a frame. Not after a cancel. */
-static void add_mark(struct live_sound *sound, struct live_mark mark) {
+/* Waits for a place: an utterance may be shorter than a frame. NULL: after a cancel. */
+static struct live_mark *add_mark(struct live_sound *sound, struct live_mark mark) {
   while (!sound->stop && !sound->skip && sound->mark_count == LIVE_UTTERANCES)
     (void)pthread_cond_wait(&sound->moved, &sound->mutex);
-  if (!sound->stop && !sound->skip) sound->mark[sound->mark_count++] = mark;
+  if (sound->stop || sound->skip) return NULL;
+  sound->mark[sound->mark_count] = mark;
+  return &sound->mark[sound->mark_count++];
 }
 
 static void begin_mark(struct live_sound *sound, unsigned id) {
   (void)pthread_mutex_lock(&sound->mutex);
-  add_mark(sound, (struct live_mark){.id = id, .begin = ern_live_samples(sound->live), .end = UINT64_MAX});
+  (void)add_mark(sound, (struct live_mark){.id = id, .begin = ern_live_samples(sound->live), .end = UINT64_MAX});
   (void)pthread_mutex_unlock(&sound->mutex);
 }
 
 /* An utterance that has no mark gave no sound. */
-static void end_mark(struct live_sound *sound, unsigned id) {
+static void end_mark(struct live_sound *sound, unsigned id, bool whole) {
   struct live_mark *mark = NULL;
   (void)pthread_mutex_lock(&sound->mutex);
   for (size_t i = 0; i < sound->mark_count; i++)
     if (sound->mark[i].id == id) mark = &sound->mark[i];
-  if (mark == NULL)
-    add_mark(sound, (struct live_mark){.id = id, .failed = true});
-  else if (mark->end == UINT64_MAX)
-    mark->end = ern_live_samples(sound->live);
+  if (mark == NULL) mark = add_mark(sound, (struct live_mark){.id = id, .failed = true});
+  if (mark != NULL && mark->end == UINT64_MAX) mark->end = ern_live_samples(sound->live);
+  if (mark != NULL) mark->failed |= !whole;
+  if (mark != NULL && mark->failed) {
+    mark->why = sound->why;
+    sound->why = NULL;
+  }
+  free(sound->why);
+  sound->why = NULL;
   sound->current = 0;
   (void)pthread_mutex_unlock(&sound->mutex);
 }
 
-/* Only the sound before `at` is heard. */
+/* Only the sound before `at` is heard. What failed is told of all the same. */
 static void cut_marks(struct live_sound *sound, uint64_t at) {
   size_t kept = 0;
   for (size_t i = 0; i < sound->mark_count; i++) {
@@ -120,7 +129,7 @@ static ern_status play(struct live_sound *sound, const char *url, unsigned utter
     status = ern_sound_reader_read(reader, samples, piece, &frames);
     if (status == ERN_OK && frames > 0 && !own && !begun) begin_mark(sound, utterance);
     begun |= frames > 0;
-    sound->patience = 0;
+    if (frames > 0) sound->patience = 0;
     if (status == ERN_OK && frames > 0) status = push(sound, samples, frames, own);
     atomic_fetch_add(&sound->samples_pushed, status == ERN_OK ? frames : 0);
   }
@@ -130,7 +139,8 @@ static ern_status play(struct live_sound *sound, const char *url, unsigned utter
   return status == ERN_OK && !begun ? no_sound(sound, name != NULL ? name : url) : status;
 }
 
-static void speak(struct live_sound *sound, const char *text, unsigned id) {
+/* Whether all of it was pushed, or dropped by a cancel. */
+static bool speak(struct live_sound *sound, const char *text, unsigned id) {
   char reason[LIVE_TTS_REASON] = "";
   ern_status status = ERN_E_IO;
   const bool begun = live_tts_begin(&sound->tts, text, reason);
@@ -144,7 +154,9 @@ static void speak(struct live_sound *sound, const char *text, unsigned id) {
   if (late)
     snprintf(reason, sizeof reason, "%.1500s: made no sound of the text in %d s, and was ended",
              sound->tts.program != NULL ? sound->tts.program : "espeak-ng", FIRST_SOUND);
-  if (late || !begun || (!ended && status != ERN_E_CANCELLED)) remember(sound, reason);
+  const bool fails = late || !begun || (!ended && status != ERN_E_CANCELLED);
+  if (fails) remember(sound, reason);
+  return !fails && (status == ERN_OK || status == ERN_E_CANCELLED);
 }
 
 static void free_utterance(struct live_utterance *utterance) {
@@ -183,11 +195,12 @@ static void *read_sound(void *user) {
   while (sound->keeps_running) {
     struct live_utterance next = await_utterance(sound);
     if (next.text == NULL) break;
-    if (next.speaks)
-      speak(sound, next.text, next.id);
-    else
-      (void)play(sound, next.text, next.id, next.pipe.descriptor > 0 ? &next.pipe : NULL);
-    end_mark(sound, next.id);
+    bool whole = next.speaks && speak(sound, next.text, next.id);
+    if (!next.speaks) {
+      const ern_status status = play(sound, next.text, next.id, next.pipe.descriptor > 0 ? &next.pipe : NULL);
+      whole = status == ERN_OK || status == ERN_E_CANCELLED;
+    }
+    end_mark(sound, next.id, whole);
     free_utterance(&next);
   }
   end(sound);
@@ -242,21 +255,21 @@ unsigned live_sound_pipe(struct live_sound *sound, const struct live_pipe *pipe)
   return enqueue(sound, (struct live_utterance){.text = strdup(name), .pipe = *pipe});
 }
 
-enum live_event live_sound_event(struct live_sound *sound, uint64_t heard, unsigned *id) {
+enum live_event live_sound_event(struct live_sound *sound, uint64_t heard, unsigned *id, char **why) {
   enum live_event event = LIVE_NONE;
+  *why = NULL;
   (void)pthread_mutex_lock(&sound->mutex);
   struct live_mark *mark = sound->mark;
   if (sound->mark_count > 0) {
     *id = mark->id;
-    if (mark->failed)
-      event = LIVE_FAILED;
-    else if (mark->started && heard >= mark->end)
-      event = LIVE_ENDED;
-    else if (!mark->started && heard > mark->begin)
+    if (!mark->started && heard > mark->begin && mark->end > mark->begin)
       event = LIVE_STARTED;
+    else if (heard >= mark->end)
+      event = mark->failed ? LIVE_FAILED : LIVE_ENDED;
     mark->started |= event == LIVE_STARTED;
   }
   if (event == LIVE_FAILED || event == LIVE_ENDED) {
+    *why = mark->why;
     memmove(mark, mark + 1, --sound->mark_count * sizeof *mark);
     (void)pthread_cond_broadcast(&sound->moved);
   }
@@ -284,8 +297,9 @@ static void drop_all(struct live_sound *sound) {
   bool marked = false;
   if (sound->dropped == NULL) return;
   for (size_t i = 0; i < sound->mark_count; i++) {
-    if (!sound->mark[i].failed) sound->dropped(sound->dropped_user, sound->mark[i].id);
+    sound->dropped(sound->dropped_user, sound->mark[i].id);
     marked |= sound->mark[i].id == sound->current;
+    free(sound->mark[i].why);
   }
   sound->mark_count = 0;
   if (sound->current > 0 && !marked) sound->dropped(sound->dropped_user, sound->current);
@@ -326,9 +340,11 @@ void live_sound_stop(struct live_sound *sound) {
   }
   if (!sound->made) return;
   clear_utterances(sound);
+  for (size_t i = 0; i < sound->mark_count; i++) free(sound->mark[i].why);
   sound->mark_count = 0;
+  free(sound->why);
   free(sound->error);
-  sound->error = NULL;
+  sound->error = sound->why = NULL;
   (void)pthread_mutex_destroy(&sound->mutex);
   (void)pthread_cond_destroy(&sound->moved);
   sound->made = false;

@@ -31,9 +31,11 @@ struct live_mark {
   unsigned id;
   uint64_t begin, end; /* end UINT64_MAX: not known yet */
   bool started;        /* reported */
-  bool failed;         /* it gave no sound */
+  bool failed;         /* it gave no sound, or not all of it */
+  char *why;           /* NULL: not said */
 };
 
+/* What became of an utterance. */
 enum live_event { LIVE_NONE, LIVE_STARTED, LIVE_ENDED, LIVE_FAILED };
 
 struct live_sound {
@@ -63,6 +65,7 @@ struct live_sound {
   struct live_mark mark[LIVE_UTTERANCES]; /* of utterances that are not heard to their end, the oldest first */
   size_t mark_count;
   char *error;                  /* message of the last input that failed; guarded by the mutex */
+  char *why;                    /* the same of the current utterance, which its mark takes over; so guarded too */
   atomic_bool failed;           /* the input of the command line failed */
   atomic_bool input_ended;      /* the input of the command line has been played */
   atomic_ullong samples_pushed; /* number of samples pushed so far */
@@ -80,8 +83,9 @@ unsigned live_sound_say(struct live_sound *sound, bool speaks, const char *text)
 unsigned live_sound_pipe(struct live_sound *sound, const struct live_pipe *pipe);
 /* Cancels the current utterance and clears the queue; an input of the command line continues. */
 void live_sound_cancel(struct live_sound *sound);
-/* What the frames, which have `heard` samples so far, have reached since the last call; *id: of which utterance. */
-enum live_event live_sound_event(struct live_sound *sound, uint64_t heard, unsigned *id);
+/* What the frames, which have `heard` samples so far, have reached since the last call; *id: of which utterance; *why:
+ * of one that failed, NULL: not said; the caller frees it. */
+enum live_event live_sound_event(struct live_sound *sound, uint64_t heard, unsigned *id, char **why);
 /* The utterance that is heard, 0: none; *waiting: number of those in the queue. */
 unsigned live_sound_speaking(struct live_sound *sound, size_t *waiting);
 /* Takes the last error message; NULL: none. The caller frees it. */

@@ -14,8 +14,8 @@
 
 #include "session/session.h"
 
-/* Seconds that a program may take to end after its last sound. */
-static const double grace = 1;
+/* Seconds that a program may take to end after its last sound, and where its sound is not wanted any more. */
+static const double grace = 1, short_grace = 0.1;
 
 extern char **environ;
 
@@ -94,7 +94,7 @@ static int start(const struct live_tts *tts, int in, int out, pid_t *child) {
 }
 
 /* Waits until the program has ended, and kills it and what it started where it takes longer than `seconds`. Returns
- * its exit status, 128 and more for a signal. */
+ * its exit status, 128 and more for a signal of others, 0 where it was killed. */
 static int await_end(pid_t child, double seconds) {
   const double until = session_seconds() + seconds;
   int state = 0;
@@ -103,6 +103,7 @@ static int await_end(pid_t child, double seconds) {
     (void)nanosleep(&(struct timespec){.tv_nsec = 5000000}, NULL);
   (void)kill(-child, SIGKILL);
   if (ended == 0) (void)waitpid(child, &state, 0);
+  if (ended == 0) return 0;
   return WIFEXITED(state) ? WEXITSTATUS(state) : 128 + WTERMSIG(state);
 }
 
@@ -141,11 +142,12 @@ bool live_tts_begin(struct live_tts *tts, const char *text, char reason[LIVE_TTS
 }
 
 bool live_tts_end(struct live_tts *tts, bool whole, char reason[LIVE_TTS_REASON]) {
-  const int state = tts->child > 0 ? await_end(tts->child, whole ? grace : 0) : 0;
-  if (tts->file >= 0) (void)close(tts->file);
+  if (tts->file >= 0 && !whole) (void)close(tts->file); /* so that it ends, if it still writes */
+  int state = tts->child > 0 ? await_end(tts->child, whole ? grace : short_grace) : 0;
+  if (state == 128 + SIGPIPE && !whole) state = 0;
+  if (tts->file >= 0 && whole) (void)close(tts->file);
   if (tts->file >= 0 && tts->program == NULL) (void)unlink(tts->url);
   tts->child = tts->file = -1;
-  if (state != 0 && state != 128 + SIGKILL)
-    snprintf(reason, LIVE_TTS_REASON, "--tts %.1500s: ended with exit status %d", tts->program, state);
-  return state == 0 || state == 128 + SIGKILL;
+  if (state != 0) snprintf(reason, LIVE_TTS_REASON, "--tts %.1500s: ended with exit status %d", tts->program, state);
+  return state == 0;
 }

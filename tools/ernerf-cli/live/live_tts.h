@@ -24,7 +24,7 @@ struct live_tts {
 /* Lets the program begin, or espeak-ng make all of the sound. false: reason says why it cannot. live_tts_end in either
  * case. */
 bool live_tts_begin(struct live_tts *tts, const char *text, char reason[LIVE_TTS_REASON]);
-/* Ends the program, with what it has started, at once unless its sound is `whole`. false: it failed by itself, and
+/* Ends the program, with what it has started, soon unless its sound is `whole`. false: it failed by itself, and
  * reason says how. */
 bool live_tts_end(struct live_tts *tts, bool whole, char reason[LIVE_TTS_REASON]);
 /* A pipe that no program inherits. */

@@ -70,6 +70,8 @@ static int check_usage(struct serve_job *serve, const struct args *args) {
   int status = live_check(&serve->live, args);
   const bool several = serve->models[1] != NULL;
   if (status < 0 && several) status = args_forbid(args, "clip video name", "is about one PORTRAIT");
+  if (status < 0) status = args_forbid(args, "json", "has nothing to write: GET /state gives the figures");
+  if (status < 0) status = args_forbid(args, "overwrite", "changes nothing: --record replaces no file");
   if (status < 0 && serve->live.sound.tts.program == NULL) status = args_forbid(args, "tts-argument", "needs --tts");
   if (status < 0 && serve->live.sound.tts.program != NULL)
     status = args_forbid(args, "voice", "is espeak-ng's, not --tts's");

@@ -7,13 +7,15 @@
 #include "session/session.h"
 
 struct recording {
-  char path[4096], temporary[4096 + 16]; /* of the file, and its name until it is whole; "": none is made */
-  int file;                              /* -1: none, or no longer */
-  size_t bytes, whole;                   /* written; up to the end of the last part */
-  char failed[512];                      /* why it ended; "": it did not */
+  char stem[4096];                            /* FOLDER/ID-TIME */
+  char path[4096 + 32], temporary[4096 + 48]; /* of the file, and its name until it is whole; "": none is made */
+  int file;                                   /* -1: none, or no longer */
+  size_t bytes, whole;                        /* written; up to the end of the last part */
+  char failed[512];                           /* why it ended; "": it did not */
 };
 
-/* Makes FOLDER/ID-TIME.mp4, with the time in UTC. Returns 0, or EXIT_FAILURE after a message. */
+/* Makes FOLDER/ID-TIME.mp4, with the time in UTC, or ID-TIME-2.mp4 and so on where that is there. Returns 0, or
+ * EXIT_FAILURE after a message. */
 int recording_open(struct recording *recording, struct session *session, const char *folder, const char *id);
 /* Takes the bytes as ern_stream_options.write does. After a failure, such as a full disk, it does nothing. */
 void recording_write(struct recording *recording, const void *bytes, size_t count, ern_stream_piece piece);

@@ -142,20 +142,11 @@ static const char *next_line(void *user) {
   return NULL;
 }
 
-static void trouble(void *user, const char *text) {
-  struct serve_session *s = user;
-  snprintf(s->trouble, sizeof s->trouble, "%s", text);
-}
-
 /* By the time of the stream, in which a frame that is left out takes none. */
-static void event(void *user, const char *word, unsigned id, double seconds) {
+static void event(void *user, const char *word, unsigned id, const char *why) {
   struct serve_session *s = user;
-  const bool failed = strcmp(word, "failed") == 0;
   const double frames = (double)(s->job.drawn + s->job.repeated);
-  (void)seconds;
-  s->http->event(s->stream, word, id, frames / rate_value(s->job.rate),
-                 failed && s->trouble[0] != 0 ? s->trouble : NULL);
-  s->trouble[0] = 0;
+  s->http->event(s->stream, word, id, frames / rate_value(s->job.rate), why);
 }
 
 static void *draw(void *user) {
@@ -193,7 +184,7 @@ int serve_session_open(struct serve_session *s, const struct args *args, const s
   (void)pthread_mutex_init(&s->mutex, NULL); /* does not fail on Linux */
   s->made = true;
   s->http = http;
-  s->front = (struct live_front){next_line, answer, trouble, event, s};
+  s->front = (struct live_front){next_line, answer, event, s};
   job->commands.front = &s->front;
   job->sound.keeps_running = true;
   job->sound.dropped = interrupted;

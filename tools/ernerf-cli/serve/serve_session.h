@@ -8,7 +8,7 @@
 #include "serve/http_server.h"
 #include "serve/recording.h"
 
-enum { SERVE_ID = 64, SERVE_LINES = 8, SERVE_REASON = 512 };
+enum { SERVE_ID = 64, SERVE_LINES = 8 };
 
 /* A line that waits for the drawing thread. */
 struct serve_line {
@@ -37,11 +37,10 @@ struct serve_session {
   int status;                /* of the thread */
   char failed[SESSION_HELD]; /* its message */
   /* the drawing thread's */
-  struct serve_line now;      /* that is being answered; token NULL: none */
-  char line[4352];            /* its text, or the one with the name of a file for its bytes */
-  char file[4096];            /* that file; "": none */
-  char trouble[SERVE_REASON]; /* why the last utterance failed; "": not said */
-  uint64_t looks;             /* frames so far */
+  struct serve_line now; /* that is being answered; token NULL: none */
+  char line[4352];       /* its text, or the one with the name of a file for its bytes */
+  char file[4096];       /* that file; "": none */
+  uint64_t looks;        /* frames so far */
 };
 
 /* record: a folder for recordings, or NULL. Opens the portrait of `session->job`, which is set up as the options say;
