@@ -37,6 +37,7 @@ struct ern_http_options {
   const char *origin; /* of pages, beside those of this server, that may ask; NULL: none */
   const char *say_token, *watch_token; /* NULL: anybody may */
   unsigned connections, viewers;       /* most of each, of all sessions together */
+  const char *stun;                    /* of viewers by WebRTC: "stun://HOST:PORT"; NULL: none */
   struct ern_http_keeper keeper;
   double patience; /* seconds that a request may take to come, and that a connection may stand still */
 };
@@ -73,6 +74,8 @@ struct ern_http_functions {
   void (*remove)(struct ern_http_stream **stream);
   /* An ern_stream_options.write, of which `stream` is the user. */
   int (*write)(void *stream, const void *bytes, size_t count, ern_stream_piece piece);
+  /* Samples that belong to the next picture of the stream, before it: [frames], mono, 48000 a second. */
+  void (*sound)(struct ern_http_stream *stream, const float *samples, size_t frames);
   /* word: "started", "ended", "interrupted" or "failed"; seconds: in the stream; reason: NULL, or why. */
   void (*event)(struct ern_http_stream *stream, const char *word, unsigned id, double seconds, const char *reason);
   /* json: an object, the figures of the session; its numbers are metrics too. */

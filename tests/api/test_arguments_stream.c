@@ -90,6 +90,10 @@ CHECK(ern_stream_writer_open) {
   REFUSED(w.context, "preset is \"slowest\", expected one of x264's",
           ern_stream_writer_open(w.context, "a.ts", &options, &writer));
   options.preset = NULL;
+  options.profile = "extended";
+  REFUSED(w.context, "profile is \"extended\", expected baseline, main or high",
+          ern_stream_writer_open(w.context, "a.ts", &options, &writer));
+  options.profile = NULL;
   options.format = "theora";
   support_expect(w.context, ern_stream_writer_open(w.context, junk, &options, &writer), ERN_E_UNSUPPORTED,
                  "format is \"theora\"", NULL);

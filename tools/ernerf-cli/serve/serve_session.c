@@ -184,6 +184,12 @@ static int take(void *user, const void *bytes, size_t count, ern_stream_piece pi
   return s->http->write(s->stream, bytes, count, piece);
 }
 
+/* live_output.sound; on that thread too. */
+static void hear(void *user, const float *samples, size_t frames) {
+  const struct serve_session *s = user;
+  s->http->sound(s->stream, samples, frames);
+}
+
 /* ---- opening and closing ----------------------------------------------------------------------------------------- */
 
 int serve_session_open(struct serve_session *s, const struct args *args, const struct ern_http_functions *http,
@@ -200,7 +206,9 @@ int serve_session_open(struct serve_session *s, const struct args *args, const s
   job->sound.dropped_user = s;
   job->output.url = s->id;
   job->output.drops = true;
+  job->output.profile = "baseline"; /* which every receiver of WebRTC decodes (RFC 7742) */
   job->output.write = take;
+  job->output.sound = hear;
   job->output.write_user = s;
   s->recording.file = -1;
   s->stream = http->add(server, s->id, &actions, s);
