@@ -76,7 +76,7 @@ struct request {
   unsigned status;                  /* its answer, of HTTP */
   char *text;                       /* and what it says */
   char key[WHEP_KEY];               /* of the address */
-  struct viewer viewer;
+  struct ern_http_place viewer;
   bool watches;    /* it counts among the viewers */
   uint64_t event;  /* the next one to send */
   size_t event_at; /* bytes of it that are sent */

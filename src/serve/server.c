@@ -205,6 +205,13 @@ static int write_stream(void *stream, const void *bytes, size_t count, ern_strea
   return failed;
 }
 
+static ptrdiff_t read_stream(struct ern_http_stream *s, struct ern_http_place *place, void *to, size_t most) {
+  serve_lock(s->server);
+  const ptrdiff_t count = broadcast_read(&s->broadcast, place, to, most);
+  serve_unlock(s->server);
+  return count;
+}
+
 static void tell(struct ern_http_stream *s, const char *word, unsigned id, double seconds, const char *reason) {
   serve_lock(s->server);
   serve_tell(s, word, id, seconds, reason);
@@ -243,6 +250,7 @@ const struct ern_http_functions ern_http_functions = {
     .add = add,
     .remove = end_stream,
     .write = write_stream,
+    .read = read_stream,
     .sound = whep_sound,
     .event = tell,
     .state = set_state,

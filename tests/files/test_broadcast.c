@@ -15,7 +15,7 @@ static void put(const char *text, ern_stream_piece piece) {
 }
 
 /* What the viewer gets at most `most` bytes at a time, up to where it must wait. */
-static void expect(struct viewer *viewer, size_t most, const char *text) {
+static void expect(struct ern_http_place *viewer, size_t most, const char *text) {
   char got[4096] = "";
   ssize_t count = 0;
   for (size_t at = 0; (count = broadcast_read(&all, viewer, got + at, most)) > 0; at += (size_t)count)
@@ -26,7 +26,7 @@ static void expect(struct viewer *viewer, size_t most, const char *text) {
 
 static void test_begins_at_a_key(void **state) {
   (void)state;
-  struct viewer early = {0}, late = {0}, last = {0};
+  struct ern_http_place early = {0}, late = {0}, last = {0};
   expect(&early, 100, "");
   put("HEAD", ERN_STREAM_HEAD);
   expect(&early, 100, "");
@@ -50,7 +50,7 @@ static void test_slow_viewer(void **state) {
   (void)state;
   static uint8_t part[1 << 20];
   char some[8];
-  struct viewer slow = {0}, quick = {0};
+  struct ern_http_place slow = {0}, quick = {0};
   put("HEAD", ERN_STREAM_HEAD);
   put("[key]", ERN_STREAM_KEY);
   assert_int_equal(broadcast_read(&all, &slow, some, 6), 6);

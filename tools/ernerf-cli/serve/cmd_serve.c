@@ -10,7 +10,7 @@
 #include "serve/serve_library.h"
 #include "verbs.h"
 
-enum { IN_OPTIONS = 3, OUT_OPTIONS = 11, TOKEN_LEAST = 16, TOKEN_BYTES = 512, LOOK_MS = 50 };
+enum { IN_OPTIONS = 3, OUT_OPTIONS = 12, TOKEN_LEAST = 16, TOKEN_BYTES = 512, LOOK_MS = 50 };
 
 struct serve_job {
   struct live_job live; /* the options of every session, and the program's own session */
@@ -62,6 +62,9 @@ static void out_options(struct serve_job *serve, struct option options[OUT_OPTIO
        .help = "server that tells viewers by WebRTC the server's own address behind a router (default: none)"},
       {ARGS_TEXT("record", &serve->keeper.record), .choices = "FOLDER",
        .help = "records each session as FOLDER/ID-TIME.mp4, from its beginning to its end, as it is coded for viewers"},
+      {ARGS_LIST("push", &serve->keeper.push), .choices = "URL",
+       .help = "sends the stream there too, as it is coded for viewers, again for each: rtmp://, rtmps://, srt:// or "
+               "udp://; one that fails is tried again; with one PORTRAIT"},
       {ARGS_SECONDS("duration", &serve->live.seconds, 0.04, 1e9), .help = "end after T (default: with a signal)"}};
   ARGS_FILL(options, rows, OUT_OPTIONS);
 }
@@ -78,7 +81,11 @@ static bool is_stun(const char *address) {
 static int check_usage(struct serve_job *serve, const struct args *args) {
   int status = live_check(&serve->live, args);
   const bool several = serve->models[1] != NULL;
-  if (status < 0 && several) status = args_forbid(args, "clip video name", "is about one PORTRAIT");
+  if (status < 0 && several) status = args_forbid(args, "clip video name push", "is about one PORTRAIT");
+  for (size_t k = 0; status < 0 && k < serve->keeper.push.count; k++)
+    if (!push_takes(serve->keeper.push.text[k]))
+      status = args_refuse(args, "--push is \"%s\", expected rtmp://, rtmps://, srt:// or udp:// with a host",
+                           serve->keeper.push.text[k]);
   if (status < 0 && serve->live.sound.tts.program == NULL) status = args_forbid(args, "tts-argument", "needs --tts");
   if (status < 0 && serve->live.sound.tts.program != NULL)
     status = args_forbid(args, "voice", "is espeak-ng's, not --tts's");
