@@ -21,7 +21,7 @@ install(
   RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR}
   LIBRARY DESTINATION ${CMAKE_INSTALL_LIBDIR}
   ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR})
-foreach(library ernerf-media-impl ernerf-vision ernerf-perceptual ernerf-mpi ernerf-serve) # loaded at run time by libernerf-media and the program; users do not link them
+foreach(library ernerf-media-impl ernerf-vision ernerf-perceptual ernerf-mpi ernerf-serve ernerf-webrtc) # loaded at run time by libernerf-media and the program; users do not link them
   if(TARGET ${library})
     set_target_properties(${library} PROPERTIES INSTALL_RPATH "$ORIGIN")
     install(TARGETS ${library} LIBRARY DESTINATION ${CMAKE_INSTALL_LIBDIR} NAMELINK_SKIP)

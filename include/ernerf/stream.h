@@ -6,6 +6,7 @@
 #define ERNERF_STREAM_H
 
 #include <stdbool.h>
+#include <stddef.h>
 
 #include "ernerf/media.h"
 
@@ -115,6 +116,9 @@ typedef struct ern_stream_options {
                               one picture and its sound. It is called in ern_stream_writer_frame, _patch and _close, on
                               their thread; the end of a part has 0 bytes. Anything but 0 is ERN_E_IO. Read by
                               ern_stream_writer_open alone; NULL (default): none */
+  const char *profile; /* of H.264: "baseline" (constrained), "main" or "high", of which a receiver may decode only
+                          the first ones; NULL (default): what the preset makes, mostly high. Read by
+                          ern_stream_writer_open alone */
 } ern_stream_options;
 
 /* The defaults. */
@@ -175,6 +179,19 @@ ERN_API ERN_NODISCARD ern_status ern_stream_writer_patch(ern_stream_writer *writ
 ERN_API ERN_NODISCARD ern_status ern_stream_writer_close(ern_stream_writer **writer);
 /* Frees the writer without an end of the stream, and removes the temporary file; accepts NULL and a pointer to NULL. */
 ERN_API void ern_stream_writer_abandon(ern_stream_writer **writer);
+
+/* ---- a stream, passed on ------------------------------------------------------------------------------------------
+ */
+
+/* Sends a coded stream to an address, without coding it again, until it ends: "rtmp://" and "rtmps://" as flv, "srt://"
+ * and "udp://" as MPEG-TS. It connects first, and then reads. read: stores 1 to `most` bytes of what
+ * ern_stream_options.write was given, from the head and a part with a key frame on, waits while there are none, and
+ * returns their number; 0: the stream has ended. stop: as in ern_sound_reader_options; NULL: none. Both are called on
+ * the calling thread. ERN_E_IO: no server answers, it left, or took nothing for 10 s. ERN_E_FORMAT: what was read is no
+ * stream. ERN_E_UNSUPPORTED: another address. ERN_E_CANCELLED: `stop` ended the call. */
+ERN_API ERN_NODISCARD ern_status ern_stream_copy(ern_context *context, const char *url,
+                                                 ptrdiff_t (*read)(void *user, void *bytes, size_t most),
+                                                 int (*stop)(void *user), void *user);
 
 #ifdef __cplusplus
 }

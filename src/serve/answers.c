@@ -43,6 +43,16 @@ enum MHD_Result answer_error(struct request *r, unsigned status, const char *rea
                      json_pack("{s:o}", "error", text != NULL ? text : json_string("no reason that is UTF-8")));
 }
 
+enum MHD_Result answer_created(struct request *r, const char *location, const char *sdp) {
+  struct MHD_Response *response =
+      MHD_create_response_from_buffer(strlen(sdp), (void *)(uintptr_t)sdp, MHD_RESPMEM_MUST_COPY);
+  if (response != NULL) {
+    (void)MHD_add_response_header(response, "Location", location);
+    (void)MHD_add_response_header(response, "Access-Control-Expose-Headers", "Location");
+  }
+  return finish(r, MHD_HTTP_CREATED, "application/sdp", response);
+}
+
 enum MHD_Result answer_constant(struct request *r, const char *type, const void *bytes, size_t count) {
   struct MHD_Response *response =
       MHD_create_response_from_buffer(count, (void *)(uintptr_t)bytes, MHD_RESPMEM_PERSISTENT);

@@ -57,7 +57,7 @@ static bool find_key(const struct broadcast *b, uint64_t *part) {
   return false;
 }
 
-ssize_t broadcast_read(const struct broadcast *b, struct viewer *viewer, void *to, size_t most) {
+ssize_t broadcast_read(const struct broadcast *b, struct ern_http_place *viewer, void *to, size_t most) {
   size_t done = 0;
   if (!viewer->begun && !find_key(b, &viewer->part)) return b->ended ? -1 : 0;
   viewer->begun = true;

@@ -8,7 +8,7 @@
 #include <stdint.h>
 #include <sys/types.h>
 
-#include "ernerf/stream.h"
+#include "serve/http_server.h"
 
 /* BROADCAST_PARTS: some 4 s at 25 frames a second; BROADCAST_BYTES: most that are kept. */
 enum { BROADCAST_PARTS = 128, BROADCAST_BYTES = 32 << 20 };
@@ -28,19 +28,11 @@ struct broadcast {
   bool ended;
 };
 
-/* Where a viewer is. */
-struct viewer {
-  bool begun; /* it has, or is getting, the head */
-  bool has_head;
-  uint64_t part;
-  size_t at; /* bytes of the head or part that it has */
-};
-
 /* As ern_stream_options.write. Returns 1 without memory. */
 int broadcast_write(struct broadcast *broadcast, const void *bytes, size_t count, ern_stream_piece piece);
 /* Copies up to `most` of the viewer's next bytes, the first ones being the head and the newest part with a key frame.
  * Returns their number; 0: none yet; -1: the stream has ended, or the viewer was so slow that its place is gone. */
-ssize_t broadcast_read(const struct broadcast *broadcast, struct viewer *viewer, void *to, size_t most);
+ssize_t broadcast_read(const struct broadcast *broadcast, struct ern_http_place *viewer, void *to, size_t most);
 void broadcast_free(struct broadcast *broadcast);
 
 #endif

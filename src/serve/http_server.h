@@ -7,6 +7,7 @@
 
 #include <stdbool.h>
 #include <stddef.h>
+#include <stdint.h>
 
 #include "ernerf/base.h"
 #include "ernerf/stream.h"
@@ -37,6 +38,7 @@ struct ern_http_options {
   const char *origin; /* of pages, beside those of this server, that may ask; NULL: none */
   const char *say_token, *watch_token; /* NULL: anybody may */
   unsigned connections, viewers;       /* most of each, of all sessions together */
+  const char *stun;                    /* of viewers by WebRTC: "stun://HOST:PORT"; NULL: none */
   struct ern_http_keeper keeper;
   double patience; /* seconds that a request may take to come, and that a connection may stand still */
 };
@@ -59,6 +61,14 @@ struct ern_http_actions {
   bool (*line)(void *user, const char *line, void *bytes, size_t count, void *token, struct ern_http_reply *reply);
 };
 
+/* Where a reader of a stream is; zeros: at its beginning. */
+struct ern_http_place {
+  bool begun; /* it has, or is getting, the head */
+  bool has_head;
+  uint64_t part;
+  size_t at; /* bytes of the head or part that it has */
+};
+
 struct ern_http_functions {
   const char *version; /* of the library: "0.1.0" */
   /* error: why it could not start. On success the caller owns *server. */
@@ -73,6 +83,11 @@ struct ern_http_functions {
   void (*remove)(struct ern_http_stream **stream);
   /* An ern_stream_options.write, of which `stream` is the user. */
   int (*write)(void *stream, const void *bytes, size_t count, ern_stream_piece piece);
+  /* Up to `most` of the next bytes, from the head and the newest key frame on; 0: none yet; -1: the stream has ended,
+   * or the reader fell too far behind. Does not wait. */
+  ptrdiff_t (*read)(struct ern_http_stream *stream, struct ern_http_place *place, void *to, size_t most);
+  /* Samples that belong to the next picture of the stream, before it: [frames], mono, 48000 a second. */
+  void (*sound)(struct ern_http_stream *stream, const float *samples, size_t frames);
   /* word: "started", "ended", "interrupted" or "failed"; seconds: in the stream; reason: NULL, or why. */
   void (*event)(struct ern_http_stream *stream, const char *word, unsigned id, double seconds, const char *reason);
   /* json: an object, the figures of the session; its numbers are metrics too. */

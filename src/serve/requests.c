@@ -5,7 +5,7 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "serve/serve_shared.h"
+#include "serve/whep.h"
 
 enum { MOST_THROWN_AWAY = 1 << 20 /* bytes of a body that is too long, before the connection is closed */ };
 
@@ -149,6 +149,7 @@ void request_end(void *user, struct MHD_Connection *connection, void **request, 
   else
     server->requests = r->after;
   if (r->after != NULL) r->after->before = r->before;
+  whep_forget(r);
   if (r->watches) {
     server->viewers--;
     r->stream->viewers--;
@@ -156,5 +157,6 @@ void request_end(void *user, struct MHD_Connection *connection, void **request, 
   if (r->stream != NULL) serve_release(r->stream);
   serve_unlock(server);
   free(r->body);
+  free(r->text);
   free(r);
 }

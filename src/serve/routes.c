@@ -6,7 +6,7 @@
 #include <string.h>
 #include <strings.h>
 
-#include "serve/serve_shared.h"
+#include "serve/whep.h"
 
 enum { BACKGROUND_BYTES = 8 << 20, KEEP_ALIVE = 15 /* seconds after which a listener gets an empty line */ };
 
@@ -385,6 +385,8 @@ static const struct route routes[] = {
     {"POST", "/v1/sessions", ROLE_SAY, begin_text, end_create},
     {"DELETE", "/v1/sessions/ID", ROLE_SAY, begin_text, end_session},
     {"GET", "/v1/sessions/ID/stream", ROLE_WATCH, watch, NULL},
+    {"POST", "/v1/sessions/ID/whep", ROLE_WATCH, whep_begin, whep_end},
+    {"DELETE", "/v1/sessions/ID/whep/KEY", ROLE_WATCH, begin_text, whep_delete},
     {"GET", "/v1/sessions/ID/events", ROLE_WATCH, listen_to_events, NULL},
     {"POST", "/v1/sessions/ID/say", ROLE_SAY, begin_say, end_say},
     {"POST", "/v1/sessions/ID/stop", ROLE_SAY, begin_text, end_stop},
@@ -393,15 +395,19 @@ static const struct route routes[] = {
 };
 enum { ROUTES = sizeof routes / sizeof *routes };
 
-/* Whether the url has the path's form; `id`: the part that stands for ID, "" where there is none. */
-static bool fits(const char *path, const char *url, char id[ID_BYTES]) {
+/* Whether the url has the path's form; `id`, `key`: the parts that stand for ID and KEY, "" where there is none. */
+static bool fits(const char *path, const char *url, char id[ID_BYTES], char key[WHEP_KEY]) {
   const char *place = strstr(path, "/ID");
-  id[0] = 0;
+  id[0] = key[0] = 0;
   if (place == NULL) return strcmp(path, url) == 0;
   const size_t before = (size_t)(place - path) + 1;
   if (strncmp(path, url, before) != 0) return false;
   const size_t bytes = strcspn(url + before, "/");
-  if (bytes == 0 || bytes >= ID_BYTES || strcmp(place + 3, url + before + bytes) != 0) return false;
+  const char *rest = place + 3, *given = url + before + bytes, *last = strstr(rest, "/KEY");
+  const size_t same = last != NULL ? (size_t)(last - rest) + 1 : strlen(rest) + 1;
+  if (bytes == 0 || bytes >= ID_BYTES || strncmp(rest, given, same) != 0) return false;
+  if (last != NULL && (strlen(given + same) != WHEP_KEY - 1 || strchr(given + same, '/') != NULL)) return false;
+  if (last != NULL) snprintf(key, WHEP_KEY, "%s", given + same);
   snprintf(id, ID_BYTES, "%.*s", (int)bytes, url + before);
   return true;
 }
@@ -410,7 +416,7 @@ const char *route_find(struct request *r, const char *url, const char *method, u
   char id[ID_BYTES];
   bool is_path = false;
   for (size_t i = 0; i < ROUTES; i++) {
-    if (!fits(routes[i].path, url, id)) continue;
+    if (!fits(routes[i].path, url, id, r->key)) continue;
     is_path = true;
     if (strcmp(routes[i].method, method) != 0) continue;
     r->route = &routes[i];
@@ -430,11 +436,11 @@ const char *route_find(struct request *r, const char *url, const char *method, u
 }
 
 void route_methods(const char *url, char *methods, size_t bytes) {
-  char id[ID_BYTES];
+  char id[ID_BYTES], key[WHEP_KEY];
   methods[0] = 0;
   for (size_t i = 0; i < ROUTES; i++) {
     const size_t used = strlen(methods);
-    if (fits(routes[i].path, url, id))
+    if (fits(routes[i].path, url, id, key))
       snprintf(methods + used, bytes - used, "%s%s", used > 0 ? ", " : "", routes[i].method);
   }
 }

@@ -13,7 +13,7 @@
 #include "serve/broadcast.h"
 #include "serve/http_server.h"
 
-enum { EVENTS = 256, ID_BYTES = 64 };
+enum { EVENTS = 256, ID_BYTES = 64, WHEP_KEY = 33 };
 
 /* What was told of utterances, as server-sent events. Event number k is at k % EVENTS. */
 struct event_log {
@@ -29,6 +29,11 @@ struct pieces {
   double last;        /* when the last piece came */
 };
 
+struct ern_webrtc;
+struct ern_webrtc_functions;
+struct ern_webrtc_source;
+struct whep_viewer;
+
 struct ern_http_stream {
   struct ern_http_server *server;
   struct ern_http_stream *following;
@@ -38,10 +43,13 @@ struct ern_http_stream {
   struct broadcast broadcast;
   struct event_log events;
   struct pieces pieces;
-  char *state;             /* JSON */
-  unsigned viewers, users; /* users: requests that hold it */
-  uint64_t sent, dropped;  /* bytes to viewers; viewers that were too slow */
-  bool removed, acts;      /* acts: an action is being called, so that its user must stay */
+  char *state;                      /* JSON */
+  unsigned viewers, users;          /* users: requests that hold it */
+  uint64_t sent, dropped;           /* bytes to viewers; viewers that were too slow */
+  struct whep_viewer *peers;        /* viewers by WebRTC */
+  struct ern_webrtc_source *source; /* what they get; NULL: none has come yet */
+  uint64_t heard, shown;            /* samples so far; those before the picture that is being coded */
+  bool removed, acts;               /* acts: an action is being called, so that its user must stay */
 };
 
 /* What a suspended request waits for. */
@@ -63,8 +71,12 @@ struct request {
   bool last;                        /* it is the last of several with pieces of one sound */
   bool cut;                         /* the pipe's reader has gone: the rest of the sound is not wanted */
   bool asked, answered;             /* a line: it is passed on; its answer is there */
-  char answer[1100];
-  struct viewer viewer;
+  char answer[1100];                /* of WHEP: the address of the viewer */
+  struct whep_viewer *whep;         /* that is being answered; NULL: none */
+  unsigned status;                  /* its answer, of HTTP */
+  char *text;                       /* and what it says */
+  char key[WHEP_KEY];               /* of the address */
+  struct ern_http_place viewer;
   bool watches;    /* it counts among the viewers */
   uint64_t event;  /* the next one to send */
   size_t event_at; /* bytes of it that are sent */
@@ -80,7 +92,7 @@ struct line_held {
 
 struct ern_http_server {
   struct ern_http_options options;
-  char *texts[5]; /* of the options, copied */
+  char *texts[6]; /* of the options, copied */
   pthread_mutex_t mutex;
   pthread_t keeper;
   bool keeps; /* the thread runs */
@@ -90,7 +102,10 @@ struct ern_http_server {
   struct request *requests;
   struct line_held *lines;
   unsigned viewers;
-  uint64_t asked, refused; /* requests */
+  const char *version;
+  const struct ern_webrtc_functions *webrtc_functions;
+  struct ern_webrtc *webrtc; /* NULL: not opened */
+  uint64_t asked, refused;   /* requests */
 };
 
 double serve_seconds(void); /* of a monotonic clock */
@@ -137,7 +152,7 @@ char *metrics_text(const struct ern_http_server *server, json_t *sessions, size_
 /* ---- routes.c: what can be asked ---- */
 
 struct route {
-  const char *method, *path; /* path: "/v1/sessions/ID/say"; a part "ID" is a session's */
+  const char *method, *path; /* path: "/v1/sessions/ID/say"; a part "ID" is a session's, "KEY" at the end a viewer's */
   enum role role;
   /* Called when the head is there. Without `end` it queues a response; with it only to refuse, and sets `answered`. */
   enum MHD_Result (*begin)(struct request *request);
@@ -155,6 +170,8 @@ void route_methods(const char *url, char *methods, size_t bytes);
 enum MHD_Result answer_json(struct request *request, unsigned status, json_t *object);
 /* The same with {"error": REASON}. */
 enum MHD_Result answer_error(struct request *request, unsigned status, const char *reason);
+/* 201 with the SDP of an answer, which is copied, and where the viewer's address is. */
+enum MHD_Result answer_created(struct request *request, const char *location, const char *sdp);
 /* bytes: constant. */
 enum MHD_Result answer_constant(struct request *request, const char *type, const void *bytes, size_t count);
 /* Takes the text; NULL: there was no memory. */

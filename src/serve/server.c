@@ -9,7 +9,7 @@
 #include <sys/socket.h>
 #include <time.h>
 
-#include "serve/serve_shared.h"
+#include "serve/whep.h"
 
 enum {
   LOOK_MS = 100,
@@ -81,8 +81,8 @@ static void note_connection(void *user, struct MHD_Connection *connection, void 
 /* ---- starting and stopping --------------------------------------------------------------------------------------- */
 
 static bool copy_options(struct ern_http_server *server, const struct ern_http_options *options) {
-  const char **texts[] = {&server->options.listen, &server->options.host, &server->options.origin,
-                          &server->options.say_token, &server->options.watch_token};
+  const char **texts[] = {&server->options.listen,    &server->options.host,        &server->options.origin,
+                          &server->options.say_token, &server->options.watch_token, &server->options.stun};
   server->options = *options;
   for (size_t i = 0; i < sizeof texts / sizeof *texts; i++) {
     if (*texts[i] == NULL) continue;
@@ -122,6 +122,7 @@ static void stop(struct ern_http_server **gone) {
   for (enum waits waits = WAITS_PART; waits <= WAITS_PIPE; waits++) serve_wake(server, NULL, waits);
   serve_unlock(server);
   if (server->keeps) (void)pthread_join(server->keeper, NULL);
+  whep_close(server);
   if (server->daemon != NULL) MHD_stop_daemon(server->daemon);
   for (size_t i = 0; i < sizeof server->texts / sizeof *server->texts; i++) free(server->texts[i]);
   (void)pthread_mutex_destroy(&server->mutex);
@@ -132,6 +133,7 @@ static void stop(struct ern_http_server **gone) {
 static bool start(const struct ern_http_options *options, struct ern_http_server **server, char *error, size_t bytes) {
   struct ern_http_server *made = calloc(1, sizeof *made);
   *server = NULL;
+  if (made != NULL) made->version = ern_http_functions.version;
   if (made != NULL) (void)pthread_mutex_init(&made->mutex, NULL);
   if (made == NULL || !copy_options(made, options)) {
     snprintf(error, bytes, "no memory for a server");
@@ -194,6 +196,7 @@ static void end_stream(struct ern_http_stream **stream) {
   serve_wake(server, s, WAITS_EVENT);
   serve_wake(server, s, WAITS_PIPE);
   serve_end_pieces(s);
+  whep_remove(s);
   serve_release(s);
   serve_unlock(server);
   *stream = NULL;
@@ -205,7 +208,15 @@ static int write_stream(void *stream, const void *bytes, size_t count, ern_strea
   const int failed = broadcast_write(&s->broadcast, bytes, count, piece);
   if (piece != ERN_STREAM_MORE) serve_wake(s->server, s, WAITS_PART);
   serve_unlock(s->server);
+  if (failed == 0 && piece != ERN_STREAM_MORE) whep_picture(s, piece);
   return failed;
+}
+
+static ptrdiff_t read_stream(struct ern_http_stream *s, struct ern_http_place *place, void *to, size_t most) {
+  serve_lock(s->server);
+  const ptrdiff_t count = broadcast_read(&s->broadcast, place, to, most);
+  serve_unlock(s->server);
+  return count;
 }
 
 static void tell(struct ern_http_stream *s, const char *word, unsigned id, double seconds, const char *reason) {
@@ -246,6 +257,8 @@ const struct ern_http_functions ern_http_functions = {
     .add = add,
     .remove = end_stream,
     .write = write_stream,
+    .read = read_stream,
+    .sound = whep_sound,
     .event = tell,
     .state = set_state,
     .answer = answer};

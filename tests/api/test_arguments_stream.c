@@ -90,6 +90,10 @@ CHECK(ern_stream_writer_open) {
   REFUSED(w.context, "preset is \"slowest\", expected one of x264's",
           ern_stream_writer_open(w.context, "a.ts", &options, &writer));
   options.preset = NULL;
+  options.profile = "extended";
+  REFUSED(w.context, "profile is \"extended\", expected baseline, main or high",
+          ern_stream_writer_open(w.context, "a.ts", &options, &writer));
+  options.profile = NULL;
   options.format = "theora";
   support_expect(w.context, ern_stream_writer_open(w.context, junk, &options, &writer), ERN_E_UNSUPPORTED,
                  "format is \"theora\"", NULL);
@@ -138,6 +142,26 @@ CHECK(ern_stream_writer_abandon) {
   ern_stream_writer_abandon(&none);
 }
 
+static ptrdiff_t read_junk(void *user, void *bytes, size_t most) {
+  bool *was_read = user;
+  if (*was_read) return 0;
+  *was_read = true;
+  memset(bytes, 7, most);
+  return (ptrdiff_t)most;
+}
+CHECK(ern_stream_copy) {
+  bool was_read = false;
+  REFUSED_ALONE(ern_stream_copy(NULL, "udp://127.0.0.1:9", read_junk, NULL, &was_read));
+  REFUSED(w.context, "url is NULL", ern_stream_copy(w.context, NULL, read_junk, NULL, &was_read));
+  REFUSED(w.context, "read is NULL", ern_stream_copy(w.context, "udp://127.0.0.1:9", NULL, NULL, NULL));
+  support_expect(w.context, ern_stream_copy(w.context, "udp://127.0.0.1:9", read_junk, NULL, &was_read), ERN_E_FORMAT,
+                 "udp://127.0.0.1:9: cannot read the head of the stream", NULL);
+  support_expect(w.context, ern_stream_copy(w.context, "a.flv", read_junk, NULL, &was_read), ERN_E_UNSUPPORTED,
+                 "a.flv: expected an address", NULL);
+  support_expect(w.context, ern_stream_copy(w.context, "concat:a", read_junk, NULL, &was_read), ERN_E_UNSUPPORTED,
+                 "begins with \"concat\"", NULL);
+}
+
 static const struct arguments_check table[] = {ROW(ern_sound_reader_options_fill),
                                                ROW(ern_sound_reader_options_default),
                                                ROW(ern_stream_file),
@@ -151,7 +175,8 @@ static const struct arguments_check table[] = {ROW(ern_sound_reader_options_fill
                                                ROW(ern_stream_writer_frame),
                                                ROW(ern_stream_writer_patch),
                                                ROW(ern_stream_writer_close),
-                                               ROW(ern_stream_writer_abandon)};
+                                               ROW(ern_stream_writer_abandon),
+                                               ROW(ern_stream_copy)};
 enum { CHECKS = sizeof table / sizeof *table };
 
 static void test_every_function_has_a_check(void **state) {

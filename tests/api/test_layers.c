@@ -66,6 +66,7 @@ static const struct {
 } outside[] = {
     {"jansson.h", {"io", "model", "train", "lab", "prepare", "serve", "tools"}},
     {"microhttpd.h", {"serve"}},
+    {"gst/*", {"serve"}},
     {"zip.h", {"io"}},
     {"CL/*", {"backend_opencl", "tools"}},
     {"*intrin.h", {"backend_cpu"}},

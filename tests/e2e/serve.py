@@ -268,7 +268,8 @@ def test_refused(server):
             ("POST", "/v1/sessions/head/say", b'{"text": "a", "voice": "de"}', "application/json", 400),
             ("POST", "/v1/sessions/head/background", b'{"colour": "white", "x": 1}', "application/json", 400),
             ("POST", "/v1/sessions", b'{"portrait": "head", "id": "x", "size": 8}', "application/json", 400),
-            ("POST", "/v1/sessions/head/say", b"x" * 20000, "text/plain", 413),
+            ("POST", "/v1/sessions/head/say", b"x" * 20000, "text/plain", 413), ("PATCH", "/v1/sessions/head/whep/" + "0" * 32, b"", None, 405),
+            ("POST", "/v1/sessions/head/whep", b"", "application/sdp", 400), ("POST", "/v1/sessions/head/whep", b"x" * 70000, "application/sdp", 413),
             ("POST", "/v1/sessions/head/say?format=mp9", b"x", "audio/raw", 400),
             ("POST", "/v1/sessions/head/say?format=s16le&rate=-3", b"x", "audio/raw", 400),
             ("POST", "/v1/sessions/head/say?rate=8000", b"x", "audio/wav", 400)]
@@ -283,7 +284,7 @@ def test_described(server):
                  for method in item if method in ("get", "post", "put", "delete")}
     with open(os.path.join(os.path.dirname(os.path.abspath(__file__)), "../../src/serve/routes.c")) as file:
         routes = re.findall(r'^ *\{"([A-Z]+)", "(/[^"]*)"', file.read(), re.MULTILINE)
-    there = {(re.sub(r"\bID\b", "{ID}", path), method) for method, path in routes}
+    there = {(re.sub(r"\b(ID|KEY)\b", r"{\1}", path), method) for method, path in routes}
     check(len(there) >= 10 and described == there, f"openapi.json: {described ^ there}")
     status, page = server.ask("GET", "/")
     check(status == 200 and b"<video" in page and "frame-ancestors 'self'" in server.fields["Content-Security-Policy"], "page")
@@ -466,7 +467,9 @@ def test_who_may():
                 ("GET", "/state", bearer("w" * 39 + "x"), 401), ("GET", "/state", bearer(""), 401), ("GET", "/state", bearer(watch), 200),
                 ("GET", "/state?token=" + watch, {}, 200), ("GET", "/state?token=x", bearer(watch), 200), ("GET", "/state", bearer(say), 200),
                 ("GET", "/metrics", {}, 401), ("GET", "/v1/sessions/head/stream", {}, 401), ("GET", "/v1/sessions/head/events", {}, 401),
-                ("GET", "/v1/sessions/none/stream", {}, 401), ("POST", "/v1/sessions/head/stop", bearer(watch), 401),
+                ("GET", "/v1/sessions/none/stream", {}, 401), ("POST", "/v1/sessions/head/whep", bearer("x"), 401),
+                ("DELETE", "/v1/sessions/head/whep/" + "0" * 32, {}, 401), ("POST", "/v1/sessions/head/whep", bearer(watch), 415),
+                ("POST", "/v1/sessions/head/stop", bearer(watch), 401),
                 ("POST", "/v1/sessions/head/say", {}, 401), ("POST", "/v1/sessions/head/stop", bearer(say), 200),
                 ("GET", "/state", {"Host": "evil.example", **bearer(watch)}, 403), ("GET", "/state", {**own, **bearer(watch)}, 200),
                 ("GET", "/state", {"Origin": "http://evil.example", **bearer(watch)}, 403), ("GET", "/state", {"Origin": "null", **bearer(watch)}, 403),
@@ -573,7 +576,8 @@ def test_words():
         file.write("abc\n")
     rows = [(["--listen", "0.0.0.0"], 2, "--say-token and --watch-token"), (["--say-token", "short"], 1, "is no token"),
             (["--say-token", "gone"], 1, "gone: cannot be read"), (["--name", "../x"], 2, '--name is "../x"'),
-            (["--viewers", "300"], 2, "--connections is 256"),
+            (["--viewers", "300"], 2, "--connections is 256"), (["--stun", "example.org"], 2, "expected stun://HOST:PORT"),
+            (["--stun", "stun://example.org:3478/x"], 2, "expected stun://HOST:PORT"),
             (["--voice", "de"], 2, "is espeak-ng's"), (["--listen", "127.0.0.300"], 1, "127.0.0.300"), (["--frames", "0:3"], 2, "video"),
             (["--json", "x.json"], 2, "--json has nothing"), (["-y"], 2, "changes nothing")]
     for words, expected, what in rows:
@@ -617,4 +621,5 @@ def main():
     print("serve: viewers, text, sound, events, changes, refusals, hostile clients, tokens and origins")
 
 
-main()
+if __name__ == "__main__":
+    main()

@@ -54,6 +54,7 @@ static int set_options(AVCodecContext *codec, const struct ern_picture_settings 
     error = set_if_there(codec, wanted->settings[i][0], wanted->settings[i][1]);
   if (wanted->has_preset && error >= 0)
     error = set_if_there(codec, "preset", settings->preset != NULL ? settings->preset : default_preset);
+  if (settings->profile != NULL && error >= 0) error = set_if_there(codec, "profile", settings->profile);
   if (error < 0) return error;
   if (settings->coding == ERN_PICTURES_LIVE) {
     error = set_if_there(codec, "tune", "zerolatency");

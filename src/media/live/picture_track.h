@@ -25,6 +25,7 @@ struct ern_picture_settings {
   enum ern_picture_coding coding;
   const struct ern_video_codec *codec; /* of the first two */
   const char *preset;                  /* NULL: the default */
+  const char *profile;                 /* of H.264; NULL: what the preset makes */
   int crf;
   double pixel_aspect; /* width of a pixel over its height; 0: 1 */
 };

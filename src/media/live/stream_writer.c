@@ -68,6 +68,14 @@ struct ern_stream_writer {
 
 /* ---- what is asked for ------------------------------------------------------------------------------------------- */
 
+static ern_status check_profile(ern_context *context, const char *url, const char *profile) {
+  static const char *const known[] = {"baseline", "main", "high"};
+  bool is_known = profile == NULL;
+  for (size_t i = 0; i < sizeof known / sizeof *known && !is_known; i++) is_known = strcmp(profile, known[i]) == 0;
+  if (is_known) return ERN_OK;
+  return ern_fail(context, ERN_E_ARGUMENT, "%s: profile is \"%s\", expected baseline, main or high", url, profile);
+}
+
 static ern_status check_options(ern_context *context, const char *url, const ern_stream_options *o) {
   const bool sound = o->sound_rate != 0 || o->sound_channels != 0;
   const struct {
@@ -82,6 +90,7 @@ static ern_status check_options(ern_context *context, const char *url, const ern
   if (!(o->pixel_aspect >= 0.01 && o->pixel_aspect <= 100))
     return ern_fail(context, ERN_E_ARGUMENT, "%s: pixel_aspect is %g, expected 0.01 to 100", url, o->pixel_aspect);
   ern_status status = ern_video_codec_check(context, url, ern_video_codec_live(), o->crf, o->preset);
+  if (status == ERN_OK) status = check_profile(context, url, o->profile);
   if (status == ERN_OK) status = ern_picture_rate_check(context, url, o->rate_numerator, o->rate_denominator);
   return status == ERN_OK ? ern_image_check_sides(context, url, o->width, o->height) : status;
 }
@@ -144,6 +153,7 @@ static ern_status open_tracks(ern_stream_writer *w) {
   const struct ern_picture_settings settings = {.coding = w->form->coding,
                                                 .codec = ern_video_codec_live(),
                                                 .preset = o->preset,
+                                                .profile = o->profile,
                                                 .crf = o->crf,
                                                 .pixel_aspect = o->pixel_aspect};
   ERN_TRY(ern_picture_track_open(&w->muxer, o->width, o->height, rate, &settings, &w->pictures));

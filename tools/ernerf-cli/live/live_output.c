@@ -49,6 +49,7 @@ static void count_late(struct live_output *output, double due) {
 }
 
 static ern_status write_picture(struct live_output *output, const struct live_picture *picture) {
+  if (output->sound != NULL) output->sound(output->write_user, picture->sound, picture->samples);
   if (picture->repeat || picture->recorded == NULL)
     return ern_stream_writer_frame(output->writer, picture->repeat ? NULL : picture->rgba, picture->sound,
                                    picture->samples);
@@ -135,6 +136,7 @@ int live_output_open(struct live_output *output, struct session *session, struct
   output->options.sound_channels = channels;
   output->options.crf = output->crf;
   output->options.preset = output->preset;
+  output->options.profile = output->profile;
   if (output->pixel_aspect > 0) output->options.pixel_aspect = output->pixel_aspect;
   output->options.provenance = output->provenance;
   output->options.stop = asks_to_stop;

@@ -27,12 +27,14 @@ struct live_output {
   /* from the command line */
   const char *url, *format;
   int crf;
-  const char *preset;               /* of x264, set by the verb; NULL: the default */
+  const char *preset, *profile;     /* of x264, set by the verb; NULL: the default */
   const ern_provenance *provenance; /* provenance written into the stream, set by the verb; NULL: none */
   double pixel_aspect;              /* of the frames, width of a pixel over its height, set by the verb; 0: 1 */
   int (*write)(void *user, const void *bytes, size_t count, ern_stream_piece piece); /* set by the verb: takes the
                                stream (ern_stream_options), and `url` is a name for messages; NULL: `url` does */
-  void *write_user;
+  void (*sound)(void *user, const float *samples, size_t frames); /* set by the verb: gets the sound of the next
+                               picture, before it is written; NULL: nobody does */
+  void *write_user;                                               /* of both */
   bool drops; /* when the queue is full, drop frames; else drawing waits */
   /* made */
   struct session *session;

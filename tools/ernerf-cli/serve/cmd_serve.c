@@ -10,7 +10,7 @@
 #include "serve/serve_library.h"
 #include "verbs.h"
 
-enum { IN_OPTIONS = 3, OUT_OPTIONS = 10, TOKEN_LEAST = 16, TOKEN_BYTES = 512, LOOK_MS = 50 };
+enum { IN_OPTIONS = 3, OUT_OPTIONS = 12, TOKEN_LEAST = 16, TOKEN_BYTES = 512, LOOK_MS = 50 };
 
 struct serve_job {
   struct live_job live; /* the options of every session, and the program's own session */
@@ -58,20 +58,36 @@ static void out_options(struct serve_job *serve, struct option options[OUT_OPTIO
       {ARGS_INT("viewers", &serve->viewers, 1, 10000), .help = "most viewers of all sessions (default 64)"},
       {ARGS_INT("connections", &serve->connections, 4, 20000),
        .help = "most connections, those of viewers among them (default 256)"},
+      {ARGS_TEXT("stun", &http->stun), .choices = "stun://HOST:PORT",
+       .help = "server that tells viewers by WebRTC the server's own address behind a router (default: none)"},
       {ARGS_TEXT("record", &serve->keeper.record), .choices = "FOLDER",
        .help = "records each session as FOLDER/ID-TIME.mp4, from its beginning to its end, as it is coded for viewers"},
+      {ARGS_LIST("push", &serve->keeper.push), .choices = "URL",
+       .help = "sends the stream there too, as it is coded for viewers, again for each: rtmp://, rtmps://, srt:// or "
+               "udp://; one that fails is tried again; with one PORTRAIT"},
       {ARGS_SECONDS("duration", &serve->live.seconds, 0.04, 1e9), .help = "end after T (default: with a signal)"}};
   ARGS_FILL(options, rows, OUT_OPTIONS);
 }
 
 static bool is_local(const char *address) { return strncmp(address, "127.", 4) == 0 || strcmp(address, "::1") == 0; }
 
+static bool is_stun(const char *address) {
+  char host[256];
+  int port = 0, end = 0;
+  return sscanf(address, "stun://%255[^:/@?#]:%d%n", host, &port, &end) == 2 && address[end] == 0 && port > 0 &&
+         port < 65536;
+}
+
 static int check_usage(struct serve_job *serve, const struct args *args) {
   int status = live_check(&serve->live, args);
   const bool several = serve->models[1] != NULL;
-  if (status < 0 && several) status = args_forbid(args, "clip video name", "is about one PORTRAIT");
+  if (status < 0 && several) status = args_forbid(args, "clip video name push", "is about one PORTRAIT");
   if (status < 0) status = args_forbid(args, "json", "has nothing to write: GET /state gives the figures");
   if (status < 0) status = args_forbid(args, "overwrite", "changes nothing: --record replaces no file");
+  for (size_t k = 0; status < 0 && k < serve->keeper.push.count; k++)
+    if (!push_takes(serve->keeper.push.text[k]))
+      status = args_refuse(args, "--push is \"%s\", expected rtmp://, rtmps://, srt:// or udp:// with a host",
+                           serve->keeper.push.text[k]);
   if (status < 0 && serve->live.sound.tts.program == NULL) status = args_forbid(args, "tts-argument", "needs --tts");
   if (status < 0 && serve->live.sound.tts.program != NULL)
     status = args_forbid(args, "voice", "is espeak-ng's, not --tts's");
@@ -81,6 +97,8 @@ static int check_usage(struct serve_job *serve, const struct args *args) {
   if (status < 0 && !is_local(serve->http_options.listen) && (serve->say_file == NULL || serve->watch_file == NULL))
     status = args_refuse(args, "--listen %s admits other machines: expected --say-token and --watch-token",
                          serve->http_options.listen);
+  if (status < 0 && serve->http_options.stun != NULL && !is_stun(serve->http_options.stun))
+    status = args_refuse(args, "--stun is \"%s\", expected stun://HOST:PORT", serve->http_options.stun);
   if (status < 0 && serve->connections <= serve->viewers)
     status =
         args_refuse(args, "--connections is %d, expected more than --viewers, %d", serve->connections, serve->viewers);

@@ -51,7 +51,8 @@ static int open_session(struct serve_keeper *keeper, struct serve_portrait *port
   made->job.rate_control.like = portrait->is_measured ? &portrait->measured : NULL;
   made->measured = portrait->is_measured ? NULL : &portrait->measured;
   snprintf(made->id, sizeof made->id, "%s", id);
-  const int status = serve_session_open(made, keeper->args, keeper->http, keeper->server, keeper->record);
+  const int status = serve_session_open(made, keeper->args, keeper->http, keeper->server, keeper->record,
+                                        portrait->is_measured ? NULL : &keeper->push);
   if (status != 0) {
     forget(&keeper->sessions[k]);
     return status;

@@ -31,6 +31,7 @@ struct serve_keeper {
   const struct ern_http_functions *http;
   struct ern_http_server *server;
   const char *name, *record; /* NULL: none */
+  struct text_list push;     /* addresses that the first session's stream goes to */
   /* made */
   struct serve_portrait portraits[SERVE_PORTRAITS];
   size_t portrait_count;

@@ -87,6 +87,9 @@ static void show_state(struct serve_session *s) {
   (void)json_object_del(figures, "readers");
   (void)json_object_set_new(figures, "width", json_integer(s->job.size.width));
   (void)json_object_set_new(figures, "height", json_integer(s->job.size.height));
+  json_t *pushes = s->push_count > 0 ? json_array() : NULL;
+  for (size_t k = 0; k < s->push_count; k++) (void)json_array_append_new(pushes, push_state(&s->pushes[k]));
+  if (pushes != NULL) (void)json_object_set_new(figures, "pushes", pushes);
   char *text = figures != NULL ? json_dumps(figures, JSON_COMPACT | JSON_REAL_PRECISION(9)) : NULL;
   if (text != NULL) s->http->state(s->stream, text);
   free(text);
@@ -175,10 +178,16 @@ static int take(void *user, const void *bytes, size_t count, ern_stream_piece pi
   return s->http->write(s->stream, bytes, count, piece);
 }
 
+/* live_output.sound; on that thread too. */
+static void hear(void *user, const float *samples, size_t frames) {
+  const struct serve_session *s = user;
+  s->http->sound(s->stream, samples, frames);
+}
+
 /* ---- opening and closing ----------------------------------------------------------------------------------------- */
 
 int serve_session_open(struct serve_session *s, const struct args *args, const struct ern_http_functions *http,
-                       struct ern_http_server *server, const char *record) {
+                       struct ern_http_server *server, const char *record, const struct text_list *push) {
   struct live_job *job = &s->job;
   struct session *session = &job->session;
   (void)pthread_mutex_init(&s->mutex, NULL); /* does not fail on Linux */
@@ -191,7 +200,9 @@ int serve_session_open(struct serve_session *s, const struct args *args, const s
   job->sound.dropped_user = s;
   job->output.url = s->id;
   job->output.drops = true;
+  job->output.profile = "baseline"; /* which every receiver of WebRTC decodes (RFC 7742) */
   job->output.write = take;
+  job->output.sound = hear;
   job->output.write_user = s;
   s->recording.file = -1;
   s->stream = http->add(server, s->id, &actions, s);
@@ -201,6 +212,10 @@ int serve_session_open(struct serve_session *s, const struct args *args, const s
   session_note(session, "serve: %s: %d x %d, %.4g frames a second", s->id, job->size.width, job->size.height,
                rate_value(job->rate));
   if (s->measured != NULL) *s->measured = job->rate_control;
+  while (push != NULL && s->push_count < push->count) {
+    const char *url = push->text[s->push_count];
+    if (push_open(&s->pushes[s->push_count++], session, url, http, s->stream) != 0) return EXIT_FAILURE;
+  }
   char *held = session->held;
   session->held = s->failed;
   s->opened = session_seconds();
@@ -226,6 +241,7 @@ void serve_session_stop(struct serve_session *s) {
 void serve_session_close(struct serve_session *s) {
   if (s == NULL || !s->made) return;
   serve_session_stop(s);
+  for (size_t k = 0; k < s->push_count; k++) push_close(&s->pushes[k]);
   if (s->running) (void)pthread_join(s->thread, NULL);
   if (s->stream != NULL) s->http->remove(&s->stream);
   live_close(&s->job);

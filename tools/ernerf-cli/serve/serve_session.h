@@ -6,6 +6,7 @@
 
 #include "live/live_job.h"
 #include "serve/http_server.h"
+#include "serve/push.h"
 #include "serve/recording.h"
 
 enum { SERVE_ID = 64, SERVE_LINES = 8 };
@@ -27,6 +28,8 @@ struct serve_session {
   struct ern_http_stream *stream;
   struct live_front front;
   struct recording recording; /* the writing thread's */
+  struct push pushes[TEXT_LIST];
+  size_t push_count;
   pthread_t thread;
   pthread_mutex_t mutex; /* guards `lines`, line_count and `ended` */
   struct serve_line lines[SERVE_LINES];
@@ -43,11 +46,11 @@ struct serve_session {
   uint64_t looks;        /* frames so far */
 };
 
-/* record: a folder for recordings, or NULL. Opens the portrait of `session->job`, which is set up as the options say;
- * adds the session to the server, and starts its thread. Returns 0, or EXIT_FAILURE after a message;
- * serve_session_close in either case. */
+/* record: a folder for recordings, or NULL; push: addresses that get the stream, or NULL. Opens the portrait of
+ * `session->job`, which is set up as the options say; adds the session to the server, and starts its thread. Returns 0,
+ * or EXIT_FAILURE after a message; serve_session_close in either case. */
 int serve_session_open(struct serve_session *session, const struct args *args, const struct ern_http_functions *http,
-                       struct ern_http_server *server, const char *record);
+                       struct ern_http_server *server, const char *record, const struct text_list *push);
 /* Seconds of processor time that coding has taken; below 0: the session is ending. */
 double serve_session_coding(struct serve_session *session);
 /* Asks the thread to end; serve_session_close then waits for it. */

@@ -1,0 +1,95 @@
+/* SPDX-License-Identifier: MIT
+ * What the files of libernerf-webrtc share. Viewers are made, looked at and ended on the library's own thread; the
+ * caller's threads hand over pictures and sound. A source's lock guards its list of viewers and what they are fed. */
+#ifndef ERN_SERVE_WEBRTC_SHARED_H
+#define ERN_SERVE_WEBRTC_SHARED_H
+
+#include <gst/app/gstappsink.h>
+#include <gst/app/gstappsrc.h>
+#include <gst/gst.h>
+#include <gst/sdp/sdp.h>
+#include <pthread.h>
+#include <stdatomic.h>
+
+#include "serve/webrtc/webrtc.h"
+
+enum { WEBRTC_REASON = 512, SOUND_RATE = 48000 };
+
+struct ern_webrtc {
+  struct ern_webrtc_events events;
+  char *stun; /* NULL: none */
+  GMainContext *context;
+  GMainLoop *loop;
+  pthread_t thread;
+  bool runs; /* the thread */
+  /* the thread's */
+  bool is_ready; /* GStreamer has all that is needed */
+  struct ern_webrtc_viewer *viewers;
+};
+
+struct ern_webrtc_source {
+  struct ern_webrtc *webrtc;
+  atomic_uint users; /* the caller, and each viewer */
+  atomic_bool removed;
+  pthread_mutex_t mutex;
+  struct ern_webrtc_viewer *fed; /* guarded: viewers that have pictures and sound, or soon get them */
+  unsigned watched;              /* viewers that are not ended; of the library's thread */
+  GstElement *coder;             /* of sound, while somebody watches; guarded */
+  GstElement *coder_in;
+};
+
+enum viewer_step { VIEWER_GATHERS, VIEWER_CONNECTS, VIEWER_WATCHES };
+
+struct ern_webrtc_viewer {
+  struct ern_webrtc_viewer *following, *following_fed;
+  struct ern_webrtc_source *source;
+  void *user;
+  char *offer;
+  unsigned char avcc[4]; /* of the stream, its beginning: version, profile, constraints, level */
+  atomic_bool ends;      /* somebody asks for its end */
+  enum viewer_step step;
+  _Atomic gint64 since; /* microseconds of GLib's monotonic clock: when the step began, or it last sent a report */
+  GstElement *pipeline, *peer;
+  GstElement *picture, *sound; /* appsrc; sound NULL: the offer has none */
+  /* guarded by the source's lock */
+  bool begun;         /* it has had a key frame */
+  GstClockTime first; /* time of the stream of that frame */
+  GstClockTime shift; /* what is added to times of the stream, modulo 2^64 */
+};
+
+/* What an offer asks for. */
+struct webrtc_offer {
+  GstSDPMessage *message;
+  int picture_line, sound_line; /* index of the media; -1: none */
+  GstCaps *picture, *sound;     /* as RTP, with the offer's payload type */
+};
+
+/* ---- webrtc_offer.c ---- */
+
+/* avcc: the beginning of the stream's. False: it is none that can be answered, and *reason has a sentence.
+ * webrtc_offer_free in either case. */
+bool webrtc_offer_read(struct webrtc_offer *offer, const char *text, const unsigned char avcc[4],
+                       char reason[WEBRTC_REASON]);
+void webrtc_offer_free(struct webrtc_offer *offer);
+
+/* ---- webrtc_viewer.c: on the library's thread ---- */
+
+/* Makes what the offer asks for. False: *status and reason say why not. webrtc_viewer_close in either case. */
+bool webrtc_viewer_open(struct ern_webrtc_viewer *viewer, unsigned *status, char reason[WEBRTC_REASON]);
+/* Looks how far it is. False: it has ended. */
+bool webrtc_viewer_look(struct ern_webrtc_viewer *viewer);
+void webrtc_viewer_close(struct ern_webrtc_viewer *viewer);
+
+/* ---- webrtc_source.c ---- */
+
+/* From now on the viewer is fed, from a key frame on. False: there is no coder of sound. */
+bool webrtc_source_feed(struct ern_webrtc_source *source, struct ern_webrtc_viewer *viewer);
+void webrtc_source_starve(struct ern_webrtc_source *source, struct ern_webrtc_viewer *viewer);
+void webrtc_source_picture(struct ern_webrtc_source *source, const void *avcc, size_t avcc_bytes, const void *unit,
+                           size_t bytes, bool key, double seconds);
+void webrtc_source_sound(struct ern_webrtc_source *source, const float *samples, size_t frames, double seconds);
+/* Of pictures; avcc: NULL, or what the decoder needs first. */
+GstCaps *webrtc_picture_caps(GstBuffer *avcc);
+void webrtc_source_release(struct ern_webrtc_source *source);
+
+#endif

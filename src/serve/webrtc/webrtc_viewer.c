@@ -1,0 +1,251 @@
+/* SPDX-License-Identifier: MIT
+ * A viewer: a pipeline of its own, so that one which fails touches no other. */
+#define GST_USE_UNSTABLE_API
+#include <gst/webrtc/webrtc.h>
+#include <stdio.h>
+#include <string.h>
+
+#include "serve/webrtc/webrtc_shared.h"
+
+enum {
+  QUEUED_BYTES = 4 << 20, /* what a viewer that takes nothing may have before it is dropped */
+  BAD_REQUEST = 400,
+  BROKEN = 500
+};
+
+static const gint64 patience[] = {[VIEWER_GATHERS] = 5 * G_USEC_PER_SEC,
+                                  [VIEWER_CONNECTS] = 10 * G_USEC_PER_SEC,
+                                  [VIEWER_WATCHES] = 15 * G_USEC_PER_SEC};
+
+/* ---- opening ----------------------------------------------------------------------------------------------------- */
+
+static GstElement *add_source(GstElement *pipeline, const char *name, GstCaps *caps) {
+  GstElement *made = gst_element_factory_make("appsrc", name);
+  if (made != NULL) {
+    g_object_set(made, "is-live", TRUE, "format", GST_FORMAT_TIME, "block", FALSE, "max-bytes", (guint64)0, "caps",
+                 caps, NULL);
+    (void)gst_bin_add(GST_BIN(pipeline), made);
+  }
+  gst_caps_unref(caps);
+  return made;
+}
+
+/* From `source` through the payloader `kind` to the peer's media of that number. */
+static bool link_track(struct ern_webrtc_viewer *v, GstElement *source, const char *kind, const GstCaps *rtp,
+                       int line) {
+  GstElement *pay = gst_element_factory_make(kind, NULL), *filter = gst_element_factory_make("capsfilter", NULL);
+  char name[32];
+  int type = 0;
+  snprintf(name, sizeof name, "sink_%d", line);
+  (void)gst_structure_get_int(gst_caps_get_structure(rtp, 0), "payload", &type);
+  GstCaps *only = gst_caps_new_simple("application/x-rtp", "payload", G_TYPE_INT, type, NULL);
+  g_object_set(pay, "pt", type, NULL);
+  g_object_set(filter, "caps", only, NULL);
+  gst_caps_unref(only);
+  if (strcmp(kind, "rtph264pay") == 0)
+    g_object_set(pay, "config-interval", -1, NULL); /* SPS and PPS before each key frame */
+  gst_bin_add_many(GST_BIN(v->pipeline), pay, filter, NULL);
+  GstPadTemplate *form = gst_element_get_pad_template(v->peer, "sink_%u");
+  GstPad *to = gst_element_request_pad(v->peer, form, name, rtp), *from = gst_element_get_static_pad(filter, "src");
+  const bool linked =
+      to != NULL && gst_element_link_many(source, pay, filter, NULL) && gst_pad_link(from, to) == GST_PAD_LINK_OK;
+  GstWebRTCRTPTransceiver *transceiver = NULL;
+  if (to != NULL) g_object_get(to, "transceiver", &transceiver, NULL);
+  if (transceiver != NULL) {
+    g_object_set(transceiver, "direction", GST_WEBRTC_RTP_TRANSCEIVER_DIRECTION_SENDONLY, "codec-preferences", rtp,
+                 NULL);
+    gst_object_unref(transceiver);
+  }
+  gst_object_unref(from);
+  if (to != NULL) gst_object_unref(to);
+  return linked;
+}
+
+/* Calls the peer's action and waits for its reply; *reply: NULL, or where it goes. False: it has failed. */
+static bool ask_peer(struct ern_webrtc_viewer *v, const char *action, void *argument, GstPromise **reply,
+                     char reason[WEBRTC_REASON]) {
+  GstPromise *promise = gst_promise_new();
+  GError *error = NULL;
+  g_signal_emit_by_name(v->peer, action, argument, promise);
+  const bool replied = gst_promise_wait(promise) == GST_PROMISE_RESULT_REPLIED;
+  const GstStructure *answer = replied ? gst_promise_get_reply(promise) : NULL;
+  if (answer != NULL && gst_structure_has_field(answer, "error"))
+    (void)gst_structure_get(answer, "error", G_TYPE_ERROR, &error, NULL);
+  if (error != NULL || !replied)
+    snprintf(reason, WEBRTC_REASON, "the offer: %s: %s", action, error != NULL ? error->message : "no reply");
+  const bool done = replied && error == NULL;
+  g_clear_error(&error);
+  if (done && reply != NULL)
+    *reply = promise;
+  else
+    gst_promise_unref(promise);
+  return done;
+}
+
+static bool set_remote(struct ern_webrtc_viewer *v, struct webrtc_offer *offer, char reason[WEBRTC_REASON]) {
+  GstWebRTCSessionDescription *remote = gst_webrtc_session_description_new(GST_WEBRTC_SDP_TYPE_OFFER, offer->message);
+  offer->message = NULL; /* taken over */
+  const bool done = ask_peer(v, "set-remote-description", remote, NULL, reason);
+  gst_webrtc_session_description_free(remote);
+  return done;
+}
+
+/* The answer's candidates are found while the peer is looked at. */
+static bool answer(struct ern_webrtc_viewer *v, char reason[WEBRTC_REASON]) {
+  GstWebRTCSessionDescription *local = NULL;
+  GstPromise *reply = NULL;
+  if (!ask_peer(v, "create-answer", NULL, &reply, reason)) return false;
+  const GstStructure *answer = gst_promise_get_reply(reply);
+  if (answer != NULL) (void)gst_structure_get(answer, "answer", GST_TYPE_WEBRTC_SESSION_DESCRIPTION, &local, NULL);
+  gst_promise_unref(reply);
+  snprintf(reason, WEBRTC_REASON, "the offer: no answer was made");
+  const bool done = local != NULL && ask_peer(v, "set-local-description", local, NULL, reason);
+  if (local != NULL) gst_webrtc_session_description_free(local);
+  return done;
+}
+
+static bool make_peer(struct ern_webrtc_viewer *v) {
+  const char *stun = v->source->webrtc->stun;
+  GObject *ice = NULL, *agent = NULL;
+  v->pipeline = gst_pipeline_new(NULL);
+  v->peer = gst_element_factory_make("webrtcbin", NULL);
+  if (v->pipeline == NULL || v->peer == NULL || !gst_bin_add(GST_BIN(v->pipeline), v->peer)) return false;
+  gst_util_set_object_arg(G_OBJECT(v->peer), "bundle-policy", "max-bundle");
+  if (stun != NULL) g_object_set(v->peer, "stun-server", stun, NULL);
+  g_object_get(v->peer, "ice-agent", &ice, NULL);
+  if (ice != NULL) {
+    g_object_set(ice, "ice-tcp", FALSE, NULL);
+    g_object_get(ice, "agent", &agent, NULL);
+    g_object_unref(ice);
+  }
+  if (agent != NULL) {
+    g_object_set(agent, "upnp", FALSE, NULL); /* asks no router to open ports */
+    g_object_unref(agent);
+  }
+  GstClock *clock = gst_system_clock_obtain();
+  gst_pipeline_use_clock(GST_PIPELINE(v->pipeline), clock);
+  gst_object_unref(clock);
+  return gst_element_set_state(v->pipeline, GST_STATE_PLAYING) != GST_STATE_CHANGE_FAILURE;
+}
+
+bool webrtc_viewer_open(struct ern_webrtc_viewer *v, unsigned *status, char reason[WEBRTC_REASON]) {
+  struct webrtc_offer offer;
+  *status = BAD_REQUEST;
+  bool done = webrtc_offer_read(&offer, v->offer, v->avcc, reason);
+  if (done) {
+    *status = BROKEN;
+    snprintf(reason, WEBRTC_REASON, "no peer could be made");
+    done = make_peer(v);
+  }
+  if (done) {
+    *status = BAD_REQUEST;
+    done = set_remote(v, &offer, reason);
+  }
+  if (done) {
+    *status = BROKEN;
+    snprintf(reason, WEBRTC_REASON, "the offer: no track could be made for it");
+    v->picture = add_source(v->pipeline, "picture", webrtc_picture_caps(NULL));
+    done = v->picture != NULL && link_track(v, v->picture, "rtph264pay", offer.picture, offer.picture_line);
+  }
+  if (done && offer.sound != NULL) {
+    v->sound = add_source(v->pipeline, "sound",
+                          gst_caps_new_simple("audio/x-opus", "channel-mapping-family", G_TYPE_INT, 0, "channels",
+                                              G_TYPE_INT, 1, "rate", G_TYPE_INT, SOUND_RATE, NULL));
+    done = v->sound != NULL && link_track(v, v->sound, "rtpopuspay", offer.sound, offer.sound_line);
+  }
+  done = done && answer(v, reason);
+  if (done && gst_element_set_state(v->pipeline, GST_STATE_PLAYING) == GST_STATE_CHANGE_FAILURE) done = false;
+  webrtc_offer_free(&offer);
+  v->step = VIEWER_GATHERS;
+  v->since = g_get_monotonic_time();
+  return done;
+}
+
+/* ---- looking ----------------------------------------------------------------------------------------------------- */
+
+static void send_answer(struct ern_webrtc_viewer *v) {
+  GstWebRTCSessionDescription *local = NULL;
+  g_object_get(v->peer, "local-description", &local, NULL);
+  char *text = local != NULL ? gst_sdp_message_as_text(local->sdp) : NULL;
+  if (text != NULL && strstr(text, "a=candidate:") != NULL)
+    v->source->webrtc->events.answered(v->user, 201, text);
+  else
+    v->source->webrtc->events.answered(v->user, 503, "no WebRTC now: this machine has no address but that of itself");
+  g_free(text);
+  if (local != NULL) gst_webrtc_session_description_free(local);
+}
+
+static bool has_failed(struct ern_webrtc_viewer *v) {
+  GstBus *bus = gst_element_get_bus(v->pipeline);
+  GstMessage *message = gst_bus_pop_filtered(bus, GST_MESSAGE_ERROR);
+  const bool failed = message != NULL;
+  if (failed) {
+    GError *e = NULL;
+    char *d = NULL;
+    gst_message_parse_error(message, &e, &d);
+  }
+  if (failed) gst_message_unref(message);
+  while ((message = gst_bus_pop(bus)) != NULL) gst_message_unref(message);
+  gst_object_unref(bus);
+  return failed;
+}
+
+static bool gathers(struct ern_webrtc_viewer *v) {
+  GstWebRTCICEGatheringState state;
+  g_object_get(v->peer, "ice-gathering-state", &state, NULL);
+  if (state != GST_WEBRTC_ICE_GATHERING_STATE_COMPLETE) return g_get_monotonic_time() < v->since + patience[v->step];
+  send_answer(v);
+  v->step = VIEWER_CONNECTS;
+  v->since = g_get_monotonic_time();
+  return true;
+}
+
+static GstPadProbeReturn note_report(GstPad *pad, GstPadProbeInfo *info, gpointer user) {
+  struct ern_webrtc_viewer *v = user;
+  (void)pad;
+  (void)info;
+  atomic_store(&v->since, g_get_monotonic_time());
+  return GST_PAD_PROBE_OK;
+}
+
+/* All that a viewer sends are the reports of RTCP, of both tracks at least every 7.5 s. One that has gone without a
+ * word is known by their absence: ICE itself would keep it. */
+static void await_reports(struct ern_webrtc_viewer *v) {
+  GstIterator *all = gst_bin_iterate_all_by_element_factory_name(GST_BIN(v->peer), "nicesrc");
+  GValue item = G_VALUE_INIT;
+  while (gst_iterator_next(all, &item) == GST_ITERATOR_OK) {
+    GstPad *pad = gst_element_get_static_pad(g_value_get_object(&item), "src");
+    (void)gst_pad_add_probe(pad, GST_PAD_PROBE_TYPE_BUFFER | GST_PAD_PROBE_TYPE_BUFFER_LIST, note_report, v, NULL);
+    gst_object_unref(pad);
+    g_value_reset(&item);
+  }
+  g_value_unset(&item);
+  gst_iterator_free(all);
+}
+
+bool webrtc_viewer_look(struct ern_webrtc_viewer *v) {
+  GstWebRTCPeerConnectionState state;
+  if (atomic_load(&v->ends) || atomic_load(&v->source->removed) || has_failed(v)) return false;
+  if (v->step == VIEWER_GATHERS) return gathers(v);
+  g_object_get(v->peer, "connection-state", &state, NULL);
+  if (state == GST_WEBRTC_PEER_CONNECTION_STATE_FAILED || state == GST_WEBRTC_PEER_CONNECTION_STATE_CLOSED)
+    return false;
+  if (v->step == VIEWER_CONNECTS && state == GST_WEBRTC_PEER_CONNECTION_STATE_CONNECTED) {
+    v->step = VIEWER_WATCHES;
+    atomic_store(&v->since, g_get_monotonic_time());
+    await_reports(v);
+    return webrtc_source_feed(v->source, v);
+  }
+  if (v->step == VIEWER_WATCHES && gst_app_src_get_current_level_bytes(GST_APP_SRC(v->picture)) > QUEUED_BYTES)
+    return false;
+  return g_get_monotonic_time() < atomic_load(&v->since) + patience[v->step];
+}
+
+void webrtc_viewer_close(struct ern_webrtc_viewer *v) {
+  webrtc_source_starve(v->source, v);
+  if (v->pipeline != NULL) {
+    (void)gst_element_set_state(v->pipeline, GST_STATE_NULL);
+    gst_object_unref(v->pipeline);
+  }
+  v->pipeline = v->peer = v->picture = v->sound = NULL;
+}
