@@ -462,9 +462,9 @@ static void give_verdict(struct ern_prepare_job *job, const struct findings *f) 
     followed = false;
   }
   if (is_beyond(f->tremble, most_tremble, 1.5, &grade)) {
-    ern_prepare_add_reason(
-        job, grade, "the head's turning changes by %.2f degrees from frame to frame, expected %g at most", f->tremble,
-        most_tremble);
+    ern_prepare_add_reason(job, grade,
+                           "the head's turning changes by %.2f degrees from frame to frame, expected %g at most",
+                           f->tremble, most_tremble);
     followed = false;
   }
   if (f->points < 150)

@@ -66,7 +66,7 @@ refused made/portrait.safetensors 'did not make it' -- -o made --size 128 --from
 
 # once a model is begun, all options are those of the first call
 echo 0 > made/portrait.safetensors.clip
-refused made 'made with --minutes 3' '--minutes 10' -- -o made --size 128 --from 0 --au 'a b.csv'
+refused made 'trained with --minutes 3' 'found 2' -- -o made --size 128 --from 0 --au 'a b.csv' --minutes 2
 [ -n "${ERNERF_TEST_LONG-}" ] || { echo "portrait_refused.sh: all is refused"; exit 0; }
 refused made '--focal not given' '--focal 300' -- -o made --size 128 --from 0 --au 'a b.csv' --minutes 3 --focal 300
 refused made '--au a\ b.csv' '--au c.csv' -- -o made --size 128 --from 0 --au c.csv --minutes 3
