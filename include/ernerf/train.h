@@ -240,7 +240,8 @@ typedef struct ern_train_config {
                           head, of the state that is resumed or of `from`, where it is of this clip, else none */
   float prune_share; /* of a head, 0..1: at 0.85 of the coarse steps a cell of the occupancy grid is marked empty if in
                         every ray its samples have less than this share of the ray's largest compositing weight
-                        (docs/maths.md, Occupancy); then the grid stays as it is. The steps after that fit the model to
+                        (docs/maths.md, Occupancy), and, with ern_dataset.head, if it is seen over twice as much beside
+                        the head as in it; then the grid stays as it is. The steps after that fit the model to
                         the cells that are left, and rendering has fewer samples. 0 (default): no cell is marked */
   int step_parts;    /* parts that the rays of a step are cut into, a power of 2 up to ERN_STEP_PARTS_MOST; default 1. A
                         part's gradient is summed on its own, and parts are added as a binary tree, so that a model

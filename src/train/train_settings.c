@@ -117,7 +117,8 @@ static const ern_setting table[] = {
      .resume = ERN_RESUME_LOGGED, .same_everywhere = true,
      .help = "at 85 % of a head's steps (of those before a fine stage) an occupancy cell is marked empty if in every "
              "ray its samples have less than this share of the ray's largest compositing weight, so that a frame has "
-             "fewer samples; 0: none, as published"},
+             "fewer samples; with parsing/ also one that is seen over twice as much beside the head as in it, so that "
+             "nothing flies there; 0: none, as published"},
     {ERN_ROW_INT(step_parts, 1, ERN_STEP_PARTS_MOST, 1), .group = "schedule", .resume = ERN_RESUME_LOGGED,
      .same_everywhere = true,
      .help = "parts that a step's rays are cut into, a power of 2: with the same number the model is the same for any "

@@ -124,6 +124,74 @@ static void test_prune_shares(void **state) {
   ern_trainer_free(&t);
 }
 
+/* Columns from the middle on are beside the head; 0: all pixels are. */
+static int head_columns;
+static ern_status half_a_head(void *user, int split, size_t index, const uint8_t **head) {
+  static uint8_t mask[SIDE * SIDE];
+  (void)user, (void)split, (void)index;
+  for (int i = 0; i < SIDE * SIDE; i++) mask[i] = i % SIDE < head_columns ? 255 : 0;
+  *head = mask;
+  return ERN_OK;
+}
+
+/* By how many columns the cell's centre is right of the middle of the picture in frame f. */
+static double right_of_middle(const ern_trainer *t, size_t f, uint32_t cell) {
+  const float *pose = t->shared.views[f].pose;
+  double along = 0, across = 0;
+  for (int r = 0; r < 3; r++) {
+    const double at =
+        ((double)ern_morton_gather(cell >> r) + 0.5) / (ERN_OCCUPANCY_SIDE / 2) - 1 - (double)pose[4 * r + 3];
+    across += at * (double)pose[4 * r], along += at * (double)pose[4 * r + 2];
+  }
+  return (double)t->shared.views[f].focal * across / along;
+}
+
+static void prune_from(ern_trainer *t, uint8_t *before, uint8_t *after) {
+  support_ok(made.context,
+             t->shared.backend->upload_bytes(t->shared.stream, t->occupancy.bits, before, ERN_OCCUPANCY_BYTES));
+  support_ok(made.context, ern_trainer_prune(&t->occupancy, t->poses));
+  read_bits(t, after);
+}
+
+/* case: pruning where half of each picture is beside the head, and where all is | plain code: cells beside the head
+ * stay | here: cells that every frame sees beside it go, those that every frame sees in it stay; without a head all
+ * stay | bound: 2 of 20 columns, exact */
+static void test_pruned_beside_head(void **state) {
+  (void)state;
+  static uint8_t before[ERN_OCCUPANCY_BYTES], all[ERN_OCCUPANCY_BYTES], bits[ERN_OCCUPANCY_BYTES];
+  ern_train_config config = small_config(10, NULL);
+  size_t gone = 0, kept = 0;
+  made.data.head = half_a_head;
+  head_columns = SIDE / 2;
+  ern_trainer *t = trainer_of(&config);
+  write_parameters(t, 0);
+  support_ok(made.context, ern_trainer_refresh(&t->occupancy));
+  read_bits(t, before);
+  t->shared.config.prune_share = 0.3f;
+  t->shared.config.head_random_background = false; /* as published: the head is not asked for */
+  prune_from(t, before, all);
+  t->shared.config.head_random_background = true;
+  prune_from(t, before, bits);
+  for (uint32_t c = 0; c < ERN_OCCUPANCY_CELLS; c++) {
+    const bool was = all[c >> 3] >> (c & 7) & 1, is = bits[c >> 3] >> (c & 7) & 1;
+    double least = INFINITY, most = -INFINITY;
+    assert_true(was || !is);
+    for (size_t f = 0; was && f < FRAMES; f++) {
+      const double right = right_of_middle(t, f, c);
+      least = fmin(least, right), most = fmax(most, right);
+    }
+    if (was && least > 2 && is) fail_msg("cell %u, %.1f columns or more beside the head, stays", c, least);
+    if (was && most < -2 && !is) fail_msg("cell %u, %.1f columns or more within the head, went", c, -most);
+    gone += was && !is, kept += is;
+  }
+  assert_true(gone > 1000 && kept > 1000);
+  head_columns = 0;
+  prune_from(t, before, bits);
+  assert_memory_equal(bits, all, sizeof bits);
+  ern_trainer_free(&t);
+  made.data.head = NULL;
+}
+
 static ern_train_config pruned_config(void) {
   ern_train_config config = small_config(40, NULL);
   config.rays = 512;
@@ -204,8 +272,10 @@ static void test_refused_prune_share(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_cells_of_a_constant_density),
-                                     cmocka_unit_test(test_prune_shares), cmocka_unit_test(test_resumed_pruning),
+                                     cmocka_unit_test(test_prune_shares),
+                                     cmocka_unit_test(test_resumed_pruning),
                                      cmocka_unit_test(test_pruning_resumed_for_longer),
-                                     cmocka_unit_test(test_refused_prune_share)};
+                                     cmocka_unit_test(test_refused_prune_share),
+                                     cmocka_unit_test(test_pruned_beside_head)};
   return cmocka_run_group_tests(tests, open_clip, close_clip);
 }
