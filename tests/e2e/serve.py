@@ -579,6 +579,8 @@ def test_words():
     for words, expected, what in rows:
         done = subprocess.run([ERNERF, "serve", *BASE, "--port", "0", "--duration", "0.1", *words], stderr=subprocess.PIPE, text=True, timeout=PATIENCE)
         check(done.returncode == expected and what in done.stderr, f"{words}: {done.returncode} {done.stderr}")
+    server = Server(*BASE, "--duration", "3").__enter__()  # which a session that has ended does not prolong
+    check(server.ask("DELETE", "/v1/sessions/head")[0] == 200 and server.process.wait(PATIENCE) == 0, "--duration")
     with Server(*BASE) as server:
         done = subprocess.run([ERNERF, "serve", *BASE, "--port", str(server.port)], stderr=subprocess.PIPE, text=True, timeout=PATIENCE)
         check(done.returncode == 1 and "cannot listen" in done.stderr, f"a port that is taken: {done.stderr}")
