@@ -40,7 +40,9 @@ static bool is_own_host(const struct ern_http_server *server, const char *field)
   const bool bracket = field[0] == '[';
   const char *end = strchr(field, bracket ? ']' : ':');
   const size_t bytes = end != NULL ? (size_t)(end - field) : strlen(field);
+  const char *port = end != NULL ? end + bracket : ""; /* ":80" */
   if (bytes >= HOST_BYTES || (bracket && end == NULL)) return false;
+  if (port[0] != 0 && (port[0] != ':' || port[1 + strspn(port + 1, "0123456789")] != 0)) return false;
   snprintf(host, sizeof host, "%.*s", (int)(bytes - bracket), field + bracket);
   return inet_pton(AF_INET, host, &address) == 1 || inet_pton(AF_INET6, host, &address) == 1 ||
          strcasecmp(host, "localhost") == 0 ||

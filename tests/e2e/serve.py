@@ -471,7 +471,8 @@ def test_who_may():
                 ("DELETE", "/v1/sessions/head/whep/" + "0" * 32, {}, 401), ("POST", "/v1/sessions/head/whep", bearer(watch), 415),
                 ("POST", "/v1/sessions/head/stop", bearer(watch), 401),
                 ("POST", "/v1/sessions/head/say", {}, 401), ("POST", "/v1/sessions/head/stop", bearer(say), 200),
-                ("GET", "/state", {"Host": "evil.example", **bearer(watch)}, 403), ("GET", "/state", {**own, **bearer(watch)}, 200),
+                ("GET", "/state", {"Host": "evil.example", **bearer(watch)}, 403), ("GET", "/state", {"Host": "[::1]:80", **bearer(watch)}, 200),
+                ("GET", "/state", {"Host": "[::1].evil.example", **bearer(watch)}, 403), ("GET", "/state", {"Host": "localhost:x", **bearer(watch)}, 403), ("GET", "/state", {**own, **bearer(watch)}, 200),
                 ("GET", "/state", {"Origin": "http://evil.example", **bearer(watch)}, 403), ("GET", "/state", {"Origin": "null", **bearer(watch)}, 403),
                 ("GET", "/state", {"Origin": "https://www.example.org.evil.example", **bearer(watch)}, 403),
                 ("GET", "/state", {"Origin": "https://www.example.org", "Sec-Fetch-Site": "cross-site", **bearer(watch)}, 200),
@@ -583,6 +584,10 @@ def test_words():
     for words, expected, what in rows:
         done = subprocess.run([ERNERF, "serve", *BASE, "--port", "0", "--duration", "0.1", *words], stderr=subprocess.PIPE, text=True, timeout=PATIENCE)
         check(done.returncode == expected and what in done.stderr, f"{words}: {done.returncode} {done.stderr}")
+    done = subprocess.run([ERNERF, "serve", *BASE, "--port", "0", "--duration", "0.1", "--listen", "::1"], stderr=subprocess.PIPE, text=True, timeout=PATIENCE)
+    check("http://[::1]:" in done.stderr or "cannot listen" in done.stderr, f"IPv6: {done.stderr}")
+    server = Server(*BASE, "--duration", "3").__enter__()  # which a session that has ended does not prolong
+    check(server.ask("DELETE", "/v1/sessions/head")[0] == 200 and server.process.wait(PATIENCE) == 0, "--duration")
     with Server(*BASE) as server:
         done = subprocess.run([ERNERF, "serve", *BASE, "--port", str(server.port)], stderr=subprocess.PIPE, text=True, timeout=PATIENCE)
         check(done.returncode == 1 and "cannot listen" in done.stderr, f"a port that is taken: {done.stderr}")

@@ -281,6 +281,31 @@ static void test_use_long(void **state) {
   cli_expect(&cli, 1, "eye", NULL);
 }
 
+/* A torso that was trained with the body's motion, and a clip that has lost it. */
+static void test_motion_is_gone(void **state) {
+  (void)state;
+  static const char made[] =
+      "{ echo row_row,row_column,row,column_row,column_column,column; for i in $(seq 100); do "
+      "echo 0,0,0.0$((i % 9)),0,0,0; done; } > still/torso.csv";
+  assert_int_equal(system(made), 0);
+  support_clear("moves");
+  assert_int_equal(mkdir("moves", 0777), 0);
+  cli_run(&cli, "train still -o moves/head.safetensors --rays 32 --iters 2 --levels 2 --quiet");
+  cli_expect(&cli, 0, NULL);
+  cli_run(&cli,
+          "train still --torso --head moves/head.safetensors -y -o moves/p.safetensors --rays 32 --iters 2 --quiet");
+  cli_expect(&cli, 0, NULL);
+  cli_run(&cli, "render moves/p.safetensors --clip still --torso model --frames 0:1 -o moves/m%%d.png --quiet");
+  cli_expect(&cli, 0, NULL);
+  assert_null(strstr(cli.err, "torso.csv"));
+  assert_int_equal(remove("still/torso.csv"), 0);
+  cli_run(&cli, "render moves/p.safetensors --clip still --frames 0:1 -o moves/n%%d.png --quiet"); /* recorded */
+  cli_expect(&cli, 0, NULL);
+  assert_null(strstr(cli.err, "torso.csv"));
+  cli_run(&cli, "render moves/p.safetensors --clip still --torso model --frames 0:1 -o moves/o%%d.png --quiet");
+  cli_expect(&cli, 0, "still: has no torso.csv", NULL);
+}
+
 static void test_refusals(void **state) {
   (void)state;
   static const struct {
@@ -312,10 +337,12 @@ static void test_refusals(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_whole),      cmocka_unit_test(test_blink),
-                                     cmocka_unit_test(test_camera),     cmocka_unit_test(test_widest_turn),
-                                     cmocka_unit_test(test_torso),      cmocka_unit_test(test_speech),
-                                     cmocka_unit_test(test_train_long), cmocka_unit_test(test_from_without_torso_long),
-                                     cmocka_unit_test(test_use_long),   cmocka_unit_test(test_refusals)};
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test(test_whole),         cmocka_unit_test(test_blink),
+      cmocka_unit_test(test_camera),        cmocka_unit_test(test_widest_turn),
+      cmocka_unit_test(test_torso),         cmocka_unit_test(test_speech),
+      cmocka_unit_test(test_train_long),    cmocka_unit_test(test_from_without_torso_long),
+      cmocka_unit_test(test_use_long),      cmocka_unit_test(test_refusals),
+      cmocka_unit_test(test_motion_is_gone)};
   return cmocka_run_group_tests(tests, make_clips, NULL);
 }

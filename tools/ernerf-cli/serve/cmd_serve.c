@@ -154,7 +154,10 @@ static int run(struct serve_job *serve, const struct args *args) {
     status = session_fail_with(session, "%s", error);
   if (status == 0 && session_backend(session) != ERN_OK) status = session_fail(session);
   if (status == 0) status = serve_keeper_open(keeper, serve->models);
-  if (status == 0) session_note(session, "serve: http://%s:%d/", http->listen, keeper->http->port(keeper->server));
+  const bool six = strchr(http->listen, ':') != NULL; /* an address of IPv6 */
+  if (status == 0)
+    session_note(session, "serve: http://%s%s%s:%d/", six ? "[" : "", http->listen, six ? "]" : "",
+                 keeper->http->port(keeper->server));
   while (status == 0 && !session_interrupted() && serve_keeper_look(keeper))
     (void)nanosleep(&(struct timespec){.tv_nsec = LOOK_MS * 1000000}, NULL);
   if (status == 0 && !session_interrupted() && serve->live.seconds <= 0)

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT */
 #include "serve/serve_keeper.h"
 
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
@@ -50,6 +51,8 @@ static int open_session(struct serve_keeper *keeper, struct serve_portrait *port
   if (made->job.portrait.source.path == NULL) made->job.portrait.source.path = portrait->clip;
   made->job.rate_control.like = portrait->is_measured ? &portrait->measured : NULL;
   made->measured = portrait->is_measured ? NULL : &portrait->measured;
+  if (keeper->until > 0)
+    made->job.seconds = fmax(keeper->until - session_seconds(), 1 / rate_value(keeper->live->rate));
   snprintf(made->id, sizeof made->id, "%s", id);
   const int status = serve_session_open(made, keeper->args, keeper->http, keeper->server, keeper->record,
                                         portrait->is_measured ? NULL : &keeper->push);
@@ -94,6 +97,7 @@ int serve_keeper_open(struct serve_keeper *keeper, const char *const paths[SERVE
   while (count < SERVE_PORTRAITS && paths[count] != NULL) count++;
   keeper->threads = count > 1 ? (keeper->cores + (int)count - 1) / (int)count : 0;
   for (size_t k = 0; status == 0 && k < count; k++) status = open_portrait(keeper, paths[k]);
+  if (keeper->live->seconds > 0) keeper->until = session_seconds() + keeper->live->seconds;
   return status;
 }
 
@@ -200,7 +204,7 @@ bool serve_keeper_look(struct serve_keeper *keeper) {
     if (s->status != 0) session_warn(&session, "%s: the session ends: %s", s->id, s->failed);
     forget(&keeper->sessions[k]);
   }
-  return any || keeper->stays;
+  return any || (keeper->stays && (keeper->until <= 0 || session_seconds() < keeper->until));
 }
 
 void serve_keeper_close(struct serve_keeper *keeper) {

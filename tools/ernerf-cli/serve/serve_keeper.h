@@ -36,8 +36,9 @@ struct serve_keeper {
   struct serve_portrait portraits[SERVE_PORTRAITS];
   size_t portrait_count;
   struct serve_session *sessions[SERVE_SESSIONS];
-  int cores, threads;    /* threads: of a session, where no option says how many */
-  bool stays;            /* the server stays where no session is left, as a request has ended the last one */
+  int cores, threads; /* threads: of a session, where no option says how many */
+  double until;       /* by session_seconds: when --duration ends further sessions, and the wait for them; 0: never */
+  bool stays;         /* the server stays where no session is left, as a request has ended the last one */
   pthread_mutex_t mutex; /* guards `wish` */
   struct serve_wish wish;
 };

@@ -117,6 +117,17 @@ static void choose_torso(struct portrait *portrait, struct session *session, con
   portrait->info.has_torso = false;
 }
 
+/* After choose_torso. */
+static void report_motion(const struct portrait *portrait, struct session *session) {
+  const ern_model_info *info = &portrait->info;
+  if (!portrait->dubs && portrait->clip != NULL && info->has_torso && info->has_torso_motion &&
+      !portrait->clip_info.has_torso_motion)
+    session_warn(session,
+                 "%s: has no torso.csv, and %s was trained with the body's motion: its torso follows the head's pose "
+                 "alone",
+                 portrait->source.path, portrait->model_path);
+}
+
 /* After choose_torso: which torso is drawn depends on the clip and the motion too. */
 static void report_torso_shrink(const struct portrait *portrait, struct session *session) {
   const ern_model_info *info = &portrait->info;
@@ -202,6 +213,7 @@ int portrait_open(struct portrait *portrait, struct session *session, const stru
   if (status == 0 && portrait->source.path != NULL) status = open_clip(portrait, session);
   if (status != 0) return status;
   choose_torso(portrait, session, args);
+  report_motion(portrait, session);
   report_torso_shrink(portrait, session);
   portrait->render.threads = session->threads;
   if (session->backend == NULL && session_backend(session) != ERN_OK) return session_fail(session);
