@@ -437,6 +437,7 @@ static int run(struct train_job *job) {
   else
     session_note(session, "train: all %" PRIu64 " steps were done before; %s is written again", job->config.iters,
                  job->config.output);
+  if (session->rank == 0 && !job->config.torso) validations_say_mouth(&job->validations);
   const bool more = job->trains_torso_next && !job->config.torso;
   return more || session->rank > 0 ? 0 : session_report(session, report(job));
 }

@@ -33,6 +33,8 @@ void validations_begin(struct validations *v, struct session *session, const ern
 ern_status validations_frame(struct validations *v, int split, size_t frame, const float *rgb, const uint8_t *truth);
 ern_status validations_end(struct validations *v, uint64_t step, double psnr, size_t frames, const uint8_t *picture,
                            int width, int height, const char *name);
+/* Says where the mouth of frames that are not trained on has got worse, by more than other seeds do. */
+void validations_say_mouth(const struct validations *v);
 /* After a failed training: if X.run holds no state, removes the files that this training wrote there, so that the same
  * command can start again. */
 void validations_take_back(struct validations *v);
