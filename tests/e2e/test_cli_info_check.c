@@ -95,7 +95,8 @@ static void test_devices(void **state) {
 static void test_model(void **state) {
   (void)state;
   cli_run(&cli, "info m.safetensors");
-  cli_expect_out(&cli, 0, "m.safetensors: head\n", "levels           3", "29 wide", "sigma_net.net.0.weight", NULL);
+  cli_expect_out(&cli, 0, "m.safetensors: head\n", "levels           3", "29 wide", "voice            ends between",
+                 "sigma_net.net.0.weight", NULL);
   cli_run(&cli, "info m.safetensors --json");
   json_t *model = cli_json(&cli, NULL);
   assert_string_equal(text_of(model, "kind"), "head");
@@ -111,6 +112,9 @@ static void test_model(void **state) {
   assert_int_equal(json_array_size(shape), 2);
   assert_int_equal(json_integer_value(json_array_get(shape, 0)), 64);
   assert_int_equal(json_integer_value(json_array_get(shape, 1)), 3 * 3 + 32 + 1);
+  const json_t *fade = json_object_get(model, "voice_fade");
+  assert_int_equal(json_array_size(fade), 2);
+  assert_true(json_number_value(json_array_get(fade, 0)) < json_number_value(json_array_get(fade, 1)));
   const size_t tensors_of_model = json_array_size(tensors);
   char clip[65];
   snprintf(clip, sizeof clip, "%s", text_of(model, "clip"));
