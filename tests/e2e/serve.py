@@ -584,6 +584,10 @@ def test_words():
     for words, expected, what in rows:
         done = subprocess.run([ERNERF, "serve", *BASE, "--port", "0", "--duration", "0.1", *words], stderr=subprocess.PIPE, text=True, timeout=PATIENCE)
         check(done.returncode == expected and what in done.stderr, f"{words}: {done.returncode} {done.stderr}")
+    for hard, expected in (300, 1), (600, 0):  # 256 connections and 256 other files
+        limit = lambda: resource.setrlimit(resource.RLIMIT_NOFILE, (60, hard))
+        done = subprocess.run([ERNERF, "serve", *BASE, "--port", "0", "--duration", "0.1"], stderr=subprocess.PIPE, text=True, timeout=PATIENCE, preexec_fn=limit)
+        check(done.returncode == expected and ("allows 300 open files" in done.stderr) == (expected == 1), f"{hard} files: {done.stderr}")
     done = subprocess.run([ERNERF, "serve", *BASE, "--port", "0", "--duration", "0.1", "--listen", "::1"], stderr=subprocess.PIPE, text=True, timeout=PATIENCE)
     check("http://[::1]:" in done.stderr or "cannot listen" in done.stderr, f"IPv6: {done.stderr}")
     server = Server(*BASE, "--duration", "3").__enter__()  # which a session that has ended does not prolong

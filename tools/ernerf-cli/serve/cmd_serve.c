@@ -3,6 +3,7 @@
 #include <ctype.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/resource.h>
 #include <time.h>
 #include <unistd.h>
 
@@ -10,7 +11,14 @@
 #include "serve/serve_library.h"
 #include "verbs.h"
 
-enum { IN_OPTIONS = 3, OUT_OPTIONS = 12, TOKEN_LEAST = 16, TOKEN_BYTES = 512, LOOK_MS = 50 };
+enum {
+  IN_OPTIONS = 3,
+  OUT_OPTIONS = 12,
+  TOKEN_LEAST = 16,
+  TOKEN_BYTES = 512,
+  LOOK_MS = 50,
+  FILES = 256 /* that are open besides connections: pictures that are read, pipes of sounds that wait */
+};
 
 struct serve_job {
   struct live_job live; /* the options of every session, and the program's own session */
@@ -139,6 +147,19 @@ static int read_tokens(struct serve_job *serve) {
 /* ---- the server ----------------------------------------------------------------------------------------------------
  */
 
+/* Else so many connections would end the sessions, which could not open a picture. */
+static int allow_files(struct serve_job *serve) {
+  struct rlimit files;
+  const rlim_t wanted = (rlim_t)serve->connections + FILES;
+  if (getrlimit(RLIMIT_NOFILE, &files) != 0 || files.rlim_cur >= wanted) return 0;
+  const rlim_t most = files.rlim_max;
+  files.rlim_cur = wanted;
+  if (most >= wanted && setrlimit(RLIMIT_NOFILE, &files) == 0) return 0;
+  return session_fail_with(&serve->live.session,
+                           "--connections is %d, and the system allows %llu open files, expected %llu (ulimit -n)",
+                           serve->connections, (unsigned long long)most, (unsigned long long)wanted);
+}
+
 static int run(struct serve_job *serve, const struct args *args) {
   struct session *session = &serve->live.session;
   struct serve_keeper *keeper = &serve->keeper;
@@ -149,6 +170,7 @@ static int run(struct serve_job *serve, const struct args *args) {
   keeper->live = &serve->live;
   keeper->args = args;
   http->keeper = (struct ern_http_keeper){serve_keeper_create, serve_keeper_end, keeper};
+  if (status == 0) status = allow_files(serve);
   if (status == 0) status = serve_library_load(&keeper->http, session);
   if (status == 0 && !keeper->http->start(http, &keeper->server, error, sizeof error))
     status = session_fail_with(session, "%s", error);
