@@ -132,7 +132,7 @@ enum MHD_Result whep_begin(struct request *r) {
 static enum MHD_Result pass_answer(struct request *r) {
   if (r->status == MHD_HTTP_CREATED && r->text != NULL) return answer_created(r, r->answer, r->text);
   return answer_error(r, r->status > 0 ? r->status : MHD_HTTP_SERVICE_UNAVAILABLE,
-                      r->text != NULL ? r->text : "the server stops, has no memory, or the session has no picture yet");
+                      r->text != NULL ? r->text : "the server stops, or has no memory");
 }
 
 /* The offer is there; the answer comes from the library's thread. */
@@ -144,6 +144,10 @@ enum MHD_Result whep_end(struct request *r) {
     return answer_error(r, MHD_HTTP_NOT_IMPLEMENTED,
                         "no WebRTC here: expected an ernerf that was built with GStreamer's WebRTC, libernerf-webrtc");
   serve_lock(r->server);
+  if (r->stream->broadcast.head.count == 0 && !r->stream->removed && serve_wait(r, WAITS_PART)) {
+    serve_unlock(r->server);
+    return MHD_YES; /* it is asked again when there is a picture, whose profile the answer names */
+  }
   const bool fits = r->server->viewers < r->server->options.viewers, removed = r->stream->removed;
   r->whep = fits && !removed ? add_viewer(r) : NULL;
   if (r->whep != NULL) snprintf(r->answer, sizeof r->answer, "whep/%s", r->whep->key);

@@ -31,15 +31,16 @@ static GstElement *add_source(GstElement *pipeline, const char *name, GstCaps *c
 }
 
 /* From `source` through the payloader `kind` to the peer's media of that number. */
-static bool link_track(struct ern_webrtc_viewer *v, GstElement *source, const char *kind, const GstCaps *rtp,
-                       int line) {
+static bool link_track(struct ern_webrtc_viewer *v, GstElement *source, const char *kind, GstCaps *rtp, int line) {
   GstElement *pay = gst_element_factory_make(kind, NULL), *filter = gst_element_factory_make("capsfilter", NULL);
   char name[32];
   int type = 0;
   snprintf(name, sizeof name, "sink_%d", line);
   (void)gst_structure_get_int(gst_caps_get_structure(rtp, 0), "payload", &type);
   GstCaps *only = gst_caps_new_simple("application/x-rtp", "payload", G_TYPE_INT, type, NULL);
-  g_object_set(pay, "pt", type, NULL);
+  const guint32 ssrc = g_random_int(); /* known now, so that the answer says whose lost packets are sent again */
+  g_object_set(pay, "pt", type, "ssrc", ssrc, NULL);
+  gst_caps_set_simple(rtp, "ssrc", G_TYPE_UINT, ssrc, NULL);
   g_object_set(filter, "caps", only, NULL);
   gst_caps_unref(only);
   if (strcmp(kind, "rtph264pay") == 0)
@@ -53,7 +54,7 @@ static bool link_track(struct ern_webrtc_viewer *v, GstElement *source, const ch
   if (to != NULL) g_object_get(to, "transceiver", &transceiver, NULL);
   if (transceiver != NULL) {
     g_object_set(transceiver, "direction", GST_WEBRTC_RTP_TRANSCEIVER_DIRECTION_SENDONLY, "codec-preferences", rtp,
-                 NULL);
+                 "do-nack", TRUE, NULL);
     gst_object_unref(transceiver);
   }
   gst_object_unref(from);

@@ -89,6 +89,7 @@ def test_play(server):
     first, killed, absent = Viewer(server, folder="."), Viewer(server), Viewer(server, connects=False)
     check((first.status, killed.status, absent.status) == (201, 201, 201), f"{first.answer} {killed.answer} {absent.answer}")
     check(b"profile-level-id=42c0" in first.answer and b"a=candidate" in first.answer and first.answer.count(b"a=sendonly") == 2, f"{first.answer}")
+    check(re.search(rb"a=ssrc-group:FID [1-9]\d* [1-9]", first.answer), f"lost packets are not sent again: {first.answer}")
     killed_since = time.monotonic()
     check_playing(first, 10, "the first viewer")
     check_playing(killed, 10, "the second viewer")

@@ -100,6 +100,7 @@ static char *offer(GstElement *peer) {
   for (int i = 0; i < 2; i++) {
     GstCaps *caps = gst_caps_from_string(forms[i]);
     g_signal_emit_by_name(peer, "add-transceiver", GST_WEBRTC_RTP_TRANSCEIVER_DIRECTION_RECVONLY, caps, &transceiver);
+    g_object_set(transceiver, "do-nack", TRUE, NULL);
     gst_object_unref(transceiver);
     gst_caps_unref(caps);
   }
