@@ -84,6 +84,15 @@ static bool receives(const GstSDPMedia *media) {
          (gst_sdp_media_get_port(media) != 0 || gst_sdp_media_get_attribute_val(media, "bundle-only") != NULL);
 }
 
+/* Nothing is received: an offer to send as well is one to receive. Without the attribute it is both. */
+static void receive_alone(GstSDPMedia *media) {
+  for (guint k = media->attributes->len; k > 0; k--)
+    if (strcmp(g_array_index(media->attributes, GstSDPAttribute, k - 1).key, "sendrecv") == 0)
+      (void)gst_sdp_media_remove_attribute(media, k - 1);
+  if (gst_sdp_media_get_attribute_val(media, "recvonly") == NULL)
+    (void)gst_sdp_media_add_attribute(media, "recvonly", "");
+}
+
 static const char *check_media(const GstSDPMessage *message, const GstSDPMedia *media) {
   static const char *const needed[] = {"ice-ufrag", "ice-pwd", "fingerprint", "setup"};
   const char *fingerprint = gst_sdp_media_get_attribute_val(media, "fingerprint");
@@ -108,6 +117,7 @@ static const char *check(struct webrtc_offer *offer, const char *text, const uns
     const char *kind = gst_sdp_media_get_media(media), *why = check_media(offer->message, media);
     if (why != NULL) return why;
     if (!receives(media)) continue;
+    receive_alone(&g_array_index(offer->message->medias, GstSDPMedia, k));
     if (offer->picture == NULL && strcmp(kind, "video") == 0) {
       offer->picture = choose(media, avcc, fits_picture);
       offer->picture_line = (int)k;

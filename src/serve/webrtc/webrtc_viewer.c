@@ -143,7 +143,6 @@ bool webrtc_viewer_open(struct ern_webrtc_viewer *v, unsigned *status, char reas
     done = set_remote(v, &offer, reason);
   }
   if (done) {
-    *status = BROKEN;
     snprintf(reason, WEBRTC_REASON, "the offer: no track could be made for it");
     v->picture = add_source(v->pipeline, "picture", webrtc_picture_caps(NULL));
     done = v->picture != NULL && link_track(v, v->picture, "rtph264pay", offer.picture, offer.picture_line);

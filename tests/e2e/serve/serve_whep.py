@@ -71,12 +71,16 @@ def test_refused(server, offer):
     video = offer.replace(b"H264", b"VP8")
     rows = [(b"x", SDP, 400), (b"", SDP, 400), (b"v=0\r\n", SDP, 400), (offer[:300], SDP, 400), (video, SDP, 400),
             (offer.replace(b"42e01f", b"64001f"), SDP, 400), (offer.replace(b"a=fingerprint", b"a=finger"), SDP, 400),
-            (offer.replace(b"sha-256", b"sha-1"), SDP, 400), (offer.replace(b"recvonly", b"sendonly"), SDP, 400),
+            (offer.replace(b"sha-256", b"sha-1"), SDP, 400), (offer.replace(b"recvonly", b"sendonly"), SDP, 400), (offer.replace(b"m=audio", b"m=audi"), SDP, 400),
             (offer + b"m=audio 9 UDP/TLS/RTP/SAVPF 0\r\n" * 9, SDP, 400), (offer + b"\0", SDP, 400), (offer * 60, SDP, 413),
             (offer + b"a=candidate:1 1 UDP 1 192.0.2.1 9 typ host\r\n" * 200, SDP, 400), (offer, "text/plain", 415), (offer, None, 415)]
     for body, kind, expected in rows:
         status, answer = server.ask("POST", "/v1/sessions/head/whep", body, kind=kind)
         check(status == expected and "error" in answer, f"{body[:60]} {kind}: {status} {answer}, expected {expected}")
+    for body in offer.replace(b"recvonly", b"sendrecv"), offer.replace(b"a=recvonly\r\n", b""), re.sub(rb"a=group:BUNDLE[^\n]*\n", b"", offer):
+        status, answer = server.ask("POST", "/v1/sessions/head/whep", body, kind=SDP)
+        check(status == 201 and answer.count(b"a=sendonly") == 2, f"an offer of another form: {status} {answer}")
+        check(server.ask("DELETE", f"/v1/sessions/head/{server.fields['Location']}")[0] == 200, "its end")
     for method, path, expected in [("GET", "whep", 405), ("PATCH", "whep/" + "0" * 32, 405), ("DELETE", "whep/" + "0" * 32, 404), ("DELETE", "whep/x", 404)]:
         status, answer = server.ask(method, "/v1/sessions/head/" + path)
         check(status == expected, f"{method} {path}: {status} {answer}")

@@ -165,7 +165,7 @@ int main(int argc, char **argv) {
   GstElement *pipeline = gst_pipeline_new(NULL), *peer = gst_element_factory_make("webrtcbin", NULL);
   if (peer == NULL) return fail("no webrtcbin");
   gst_util_set_object_arg(G_OBJECT(peer), "bundle-policy", "max-bundle");
-  g_object_set(peer, "latency", 40, NULL);
+  g_object_set(peer, "latency", 200, NULL); /* with less GStreamer drops pictures where it may ask for lost packets */
   (void)gst_bin_add(GST_BIN(pipeline), peer);
   g_signal_connect(peer, "pad-added", G_CALLBACK(add_track), pipeline);
   (void)gst_element_set_state(pipeline, GST_STATE_PLAYING);
