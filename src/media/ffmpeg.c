@@ -181,6 +181,8 @@ static ern_status open_live(struct ern_decoder *decoder, const struct ern_decode
     ERN_TRY(ern_fail(context, ERN_E_FORMAT, "%s: is no sound that FFmpeg knows", decoder->path));
   if (error < 0) ERN_TRY(ern_av_fail(context, ERN_E_FORMAT, decoder->path, "read it as sound", error));
   decoder->container->max_analyze_duration = AV_TIME_BASE / 2;
+  /* else it holds 32 KiB of a WAV back, to see whether it is coded sound (DTS) */
+  if (input->io != NULL && strcmp(decoder->container->iformat->name, "wav") == 0) decoder->container->probesize = 32;
   error = knows_sound(decoder->container) ? 0 : find_streams(decoder->container);
   if (error < 0) ERN_TRY(ern_av_fail(context, ERN_E_FORMAT, decoder->path, "find out what is in it", error));
 fail:

@@ -43,7 +43,7 @@ struct ern_decoder {
   bool drained;       /* the file has ended and the codec is being flushed */
   bool reported_lost; /* of packets, in the log */
   /* set by the caller, once it is open */
-  bool piped, open_ended; /* its path cannot be opened again; its header promises no size (ern_truncation_is_open) */
+  bool piped, open_ended; /* its path cannot be opened again; its header promises no size (ern_truncation_is_wav) */
 };
 /* The input of a decoder that does not open a file by its path. */
 struct ern_decoder_input {

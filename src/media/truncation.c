@@ -55,17 +55,19 @@ static bool is_open(uint32_t claimed) {
   return false;
 }
 
-bool ern_truncation_is_open(const void *head, size_t bytes) {
+bool ern_truncation_is_wav(const void *head, size_t bytes, bool *open_ended) {
   uint8_t copy[ERN_TRUNCATION_HEAD];
   uint32_t claimed = 0;
   uint64_t declared = 0;
+  *open_ended = false;
   if (bytes == 0 || bytes > sizeof copy) return false;
   memcpy(copy, head, bytes);
   FILE *file = fmemopen(copy, bytes, "rb");
   if (file == NULL) return false;
   const bool found = find_data(file, &claimed, &declared);
   fclose(file);
-  return found && is_open(claimed);
+  *open_ended = found && is_open(claimed);
+  return found;
 }
 
 ern_status ern_truncation_check_packet(ern_context *context, const char *path, const char *format) {

@@ -10,10 +10,9 @@
 #include "core/status.h"
 
 enum { ERN_TRUNCATION_HEAD = 4096 };
-/* Whether these first bytes, up to ERN_TRUNCATION_HEAD, are those of a WAV of unknown size: its sound goes on to the
- * end.
- */
-bool ern_truncation_is_open(const void *head, size_t bytes);
+/* Whether these first bytes, up to ERN_TRUNCATION_HEAD, are those of a WAV, up to its first sample or further;
+ * *open_ended: of unknown size, so that its sound goes on to the end. */
+bool ern_truncation_is_wav(const void *head, size_t bytes, bool *open_ended);
 /* Call it where a packet of a file, not of a pipe, has fewer bytes than its container claims: ERN_E_FORMAT, except for
  * a WAV file that was written to a pipe, whose header cannot know the size. */
 ERN_NODISCARD ern_status ern_truncation_check_packet(ern_context *context, const char *path, const char *format);

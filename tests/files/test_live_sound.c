@@ -220,7 +220,7 @@ static void test_tts_breaks_off(void **state) {
   }
 }
 
-/* What is written into a pipe does not know its size. */
+/* What is written into a pipe does not know its size, and is heard while it comes. */
 static void test_tts_of_no_known_size(void **state) {
   (void)state;
   for (unsigned i = 0; i < 2; i++) {
@@ -233,6 +233,16 @@ static void test_tts_of_no_known_size(void **state) {
     expect(LIVE_STARTED, i + 1);
     expect(LIVE_ENDED, i + 1);
     assert_int_equal(atomic_load(&sound.samples_pushed), (i + 1) * SAMPLES);
+  }
+  for (unsigned i = 0; i < 2; i++) { /* it is heard while its program goes on, also where its header came alone */
+    make_program("./stays.sh", i == 0 ? "head -c 20000 said.wav; exec sleep 600"
+                                      : "head -c 44 said.wav; sleep 0.2; tail -c +45 said.wav; exec sleep 600");
+    speak_by("./stays.sh", NULL);
+    assert_int_equal(live_sound_say(&sound, true, "a"), 3 + i);
+    expect(LIVE_STARTED, 3 + i);
+    live_sound_cancel(&sound);
+    expect(LIVE_ENDED, 3 + i);
+    await_read();
   }
 }
 

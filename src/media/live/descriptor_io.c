@@ -34,8 +34,16 @@ static void keep_head(struct ern_descriptor_io *io, const uint8_t *bytes, size_t
   io->head_bytes += taken;
 }
 
+/* FFmpeg would wait for 64 KiB of a WAV's sound before the first sample, to see whether it is coded sound (S/PDIF). */
+static bool has_enough(const struct ern_descriptor_io *io) {
+  struct pollfd look = {.fd = io->descriptor, .events = POLLIN};
+  bool open_ended;
+  return io->opens && ern_truncation_is_wav(io->head, io->head_bytes, &open_ended) && poll(&look, 1, 0) == 0;
+}
+
 static int read_some(void *user, uint8_t *bytes, int count) {
   for (;;) {
+    if (has_enough(user)) return AVERROR_EOF; /* of what opens it; then it is read on */
     const int error = await(user, POLLIN);
     if (error < 0) return error;
     const ssize_t got = read(((struct ern_descriptor_io *)user)->descriptor, bytes, (size_t)count);

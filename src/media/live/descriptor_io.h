@@ -18,6 +18,7 @@ struct ern_descriptor_io {
   int (*stop)(void *user);
   int (*take)(void *user, const uint8_t *bytes, size_t count); /* takes what is written, in place of the descriptor */
   void *user;
+  bool opens;                        /* a container is being opened: a WAV whose header has come is not waited for */
   uint8_t head[ERN_TRUNCATION_HEAD]; /* the first bytes that were read */
   size_t head_bytes;
 };

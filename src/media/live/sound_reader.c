@@ -106,9 +106,11 @@ static ern_status open_input(ern_sound_reader *r, const char *url) {
   int error = av_dict_set(&input.options, "protocol_whitelist", file != NULL ? "file" : NULL, 0);
   if (error >= 0) error = describe(&r->options, device, &input.options);
   if (error < 0) ERN_TRY(ern_fail(context, ERN_E_NO_MEMORY, "%s: no memory", url));
+  r->pipe.opens = r->options.format == NULL;
   status = ern_decoder_open_live(context, url, &input, &r->decoder);
+  r->pipe.opens = false;
   r->decoder.piped = pipe;
-  r->decoder.open_ended = pipe && ern_truncation_is_open(r->pipe.head, r->pipe.head_bytes);
+  if (pipe) (void)ern_truncation_is_wav(r->pipe.head, r->pipe.head_bytes, &r->decoder.open_ended);
 fail:
   av_dict_free(&input.options);
   ern_release(context, file);
