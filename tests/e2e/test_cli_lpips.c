@@ -60,7 +60,8 @@ static void test_paper(void **state) {
   cli_run(&cli, "train clip -o p.safetensors -y --paper " HEAD FINE "--iters 10");
   cli_expect(&cli, 0, NULL);
   cli_run(&cli, "train clip -o n.safetensors -y " HEAD FINE
-                "--iters 10 --set fine-steps=2 --set ray-sampling=uniform --set refresh-every=16");
+                "--iters 10 --set fine-steps=2 --set ray-sampling=uniform --set refresh-every=16 "
+                "--set voice-fade=no");
   cli_expect(&cli, 0, NULL);
   cli_same_bytes("p.safetensors", "n.safetensors");
   cli_run(&cli, "train clip -o p.safetensors -y --paper --set fine-weight=1 --iters 20");

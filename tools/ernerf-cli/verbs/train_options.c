@@ -37,8 +37,9 @@ void train_goal_options(struct train_job *job, struct option options[TRAIN_GOAL_
                "alone, as X.safetensors. With --resume or --from T includes the time before"},
       {ARGS_FLAG("paper", &job->paper),
        .help = "the published schedule, unless an option says otherwise: 100000 steps of 65536 rays, and by --set "
-               "ray-sampling=uniform, refresh-every=16, head-random-background=no, torso-random-background=no; no data "
-               "augmentation of the speech; with --fine-loss lpips a head has 125000 steps, the last 25000 of them in "
+               "ray-sampling=uniform, refresh-every=16, head-random-background=no, torso-random-background=no, "
+               "torso-motion=no, voice-fade=no; no data augmentation of the speech; with --fine-loss lpips a head has "
+               "125000 steps, the last 25000 of them in "
                "the fine stage"},
       {ARGS_FLAG("resume", &config->resume),
        .help = "continue from the newest intact state in X.run, with the options that it was trained with unless they "
