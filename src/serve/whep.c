@@ -142,7 +142,8 @@ enum MHD_Result whep_end(struct request *r) {
     return answer_error(r, MHD_HTTP_BAD_REQUEST, "expected an offer as SDP, without a byte of 0");
   if (!open_library(r->server))
     return answer_error(r, MHD_HTTP_NOT_IMPLEMENTED,
-                        "no WebRTC here: expected an ernerf that was built with GStreamer's WebRTC, libernerf-webrtc");
+                        "no WebRTC here: expected libernerf-webrtc beside libernerf-serve, and GStreamer (Debian: "
+                        "gstreamer1.0-plugins-bad, -good, gstreamer1.0-nice)");
   serve_lock(r->server);
   if (r->stream->broadcast.head.count == 0 && !r->stream->removed && serve_wait(r, WAITS_PART)) {
     serve_unlock(r->server);
