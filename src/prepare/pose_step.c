@@ -439,7 +439,7 @@ struct findings {
   double tremble, turn; /* degrees */
 };
 
-/* Found by experiment: with less, heads of eight people are as sharp as others are (docs/prepare.md). */
+/* Up to these the PSNR of seven people's heads does not fall with them (docs/prepare.md). */
 static const double most_residual = 1.2, most_tremble = 1.2, most_hidden = 0.12;
 
 /* False where the value is within its bound; else the grade. */

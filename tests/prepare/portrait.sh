@@ -30,6 +30,10 @@ grep -q 'trained with --minutes 0.05, found 0.04' other.log || fail "not said: -
 # more minutes: the head goes on, also after a stop, and the portrait of before is there until the new one is
 steps() { "$ERNERF" info person/portrait.safetensors | sed -n 's/^ *steps *head \([0-9]*\), torso \([0-9]*\)$/\1 \2/p'; }
 read -r head _ < <(steps)
+echo mine > person/portrait.earlier.safetensors # of the user
+bash "$portrait" person.mp4 --minutes 0.15 --size 192 > other.log 2>&1 && fail "a file of the user was taken"
+[ "$(cat person/portrait.earlier.safetensors)" = mine ] && [ -s person/portrait.safetensors ] || fail "a file of the user is lost"
+rm person/portrait.earlier.safetensors
 timeout -s INT 4 bash "$portrait" person.mp4 --minutes 0.15 --size 192 > stopped.log 2>&1 && fail "it ended within 4 s"
 [ -s person/portrait.safetensors ] || [ -s person/portrait.earlier.safetensors ] || fail "the portrait of before is lost"
 bash "$portrait" person.mp4 --minutes 0.15 --threads 1 --size 192 > longer.log 2>&1 || { tail -n 5 longer.log; fail "more --minutes failed"; }

@@ -179,11 +179,6 @@ static bool has_failed(struct ern_webrtc_viewer *v) {
   GstBus *bus = gst_element_get_bus(v->pipeline);
   GstMessage *message = gst_bus_pop_filtered(bus, GST_MESSAGE_ERROR);
   const bool failed = message != NULL;
-  if (failed) {
-    GError *e = NULL;
-    char *d = NULL;
-    gst_message_parse_error(message, &e, &d);
-  }
   if (failed) gst_message_unref(message);
   while ((message = gst_bus_pop(bus)) != NULL) gst_message_unref(message);
   gst_object_unref(bus);

@@ -149,7 +149,7 @@ void validations_say_mouth(const struct validations *v) {
   if (last < best - mouth_noise)
     session_note(v->session,
                  "train: the mouth of unseen frames was best at step %llu, %.0f %% of its motion, now %.0f %%: more "
-                 "steps make the picture sharper, and learn this speech by heart; longer footage helps",
+                 "steps make the picture sharper, and overfit this speech; longer footage helps",
                  best_step, 100 * best, 100 * last);
 }
 
