@@ -167,6 +167,10 @@ ERN_API const char *ern_last_error(const ern_context *context);
  * any time; the sentence is whole, and is that of whichever thread failed last. text may be NULL where bytes is 0. */
 ERN_API size_t ern_last_error_copy(const ern_context *context, char *text, size_t bytes);
 
+/* Where the body is in a frame (ern_frame_input.torso_motion): a displacement at each of ERN_MOTION_SIDE rows and
+ * columns of control points, which are spread evenly over the picture, the outermost in its corners. */
+enum { ERN_MOTION_SIDE = 16, ERN_MOTION_VALUES = 2 * ERN_MOTION_SIDE * ERN_MOTION_SIDE };
+
 #ifdef __cplusplus
 }
 #endif

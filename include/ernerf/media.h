@@ -407,16 +407,16 @@ typedef struct ern_clip_info {
   bool hears_sound;           /* the features were made of a sound */
   const char *speech_network; /* ern_speech_network_description() of what made them; "": no network did */
   bool has_parsing;           /* parsing is there, which must then have ID.png of each frame */
-  bool has_torso_motion;      /* torso.csv is there */
+  bool has_torso_motion;      /* torso.npy is there */
 } ern_clip_info;
 
 /* The library allocates it, and a program reads it by the pointer of ern_clip_frame_at. Plain data, may grow. */
 typedef struct ern_clip_frame {
-  ern_pose pose;          /* its row of the transforms file */
-  float eye;              /* clamp(AU45_r, 0, 2)/2; 0 without au.csv */
-  bool has_landmarks;     /* false: there are none */
-  float landmarks[68][2]; /* x right, y down from the top left corner, pixels; order of 300-W */
-  float torso_motion[6];  /* of the body, from torso.csv, as of ern_frame_input; zeros without it */
+  ern_pose pose;                         /* its row of the transforms file */
+  float eye;                             /* clamp(AU45_r, 0, 2)/2; 0 without au.csv */
+  bool has_landmarks;                    /* false: there are none */
+  float landmarks[68][2];                /* x right, y down from the top left corner, pixels; order of 300-W */
+  float torso_motion[ERN_MOTION_VALUES]; /* of the body, from torso.npy, as of ern_frame_input; zeros without it */
 } ern_clip_frame;
 
 /* One thread at a time reads pictures of a clip: ern_clip_pixels, ern_clip_head, ern_clip_measure, and a trainer on its

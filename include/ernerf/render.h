@@ -244,10 +244,11 @@ typedef struct ern_frame_input {
       silence_weight; /* w, 0..1: the frame's audio code is (1 - w) speech code (after smooth_lips) + w silence_code */
   const uint8_t *wanted; /* [height][width]; 0: the head at this pixel is not needed, and may be left out to save time:
                             then all outputs are as where there is no head. NULL: all of it is needed */
-  const float *torso_motion; /* [6] where the body is, each -1e3 to 1e3; ignored by a model without torso motion. A
-                                point (r, c) of the picture, r down from -1 to 1 and c to the right from -1 to 1, has
-                                moved from (r + m_0 r + m_1 c + m_2, c + m_3 r + m_4 c + m_5). NULL: the model predicts
-                                it from the camera's pose */
+  const float *torso_motion; /* [2][ERN_MOTION_SIDE][ERN_MOTION_SIDE] where the body is, each -1e3 to 1e3; ignored by a
+                                model without torso motion. What the picture shows at (r, c), r down from -1 to 1 and c
+                                to the right from -1 to 1, is in the body at (r + m_0, c + m_1); m is given at control
+                                points, row by row, the first at (-1, -1), the last at (1, 1), and bilinear between
+                                them. NULL: the model predicts it from the camera's pose */
 } ern_frame_input;
 
 /* Where to put the result; what a NULL member stands for is not computed. Memory is the caller's. Plain data, may grow.

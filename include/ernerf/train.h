@@ -32,7 +32,8 @@ typedef struct ern_dataset_frame {
   ern_box eyes;   /* likewise, of both eyes with their lids; used where the dataset has eye values; its middle, as that
                      of the lips */
   ern_box dubbed; /* what ern_dub_frame may draw of the head, likewise */
-  float torso_motion[6]; /* of the body, as of ern_frame_input; used where ern_dataset.has_torso_motion is true */
+  float torso_motion[ERN_MOTION_VALUES]; /* of the body, as of ern_frame_input; used where ern_dataset.has_torso_motion
+                                            is true */
 } ern_dataset_frame;
 
 /* Which pixels of a frame the rays of a step go through. A torso's are uniform in any case. */

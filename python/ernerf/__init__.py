@@ -45,6 +45,7 @@ _ENUMS = {"backbone": Backbone, "attention": Attention, "eye_attention": EyeAtte
 _OUTPUTS = {"rgba": (np.uint8, 4), "rgb": (np.float32, 3), "alpha": (np.float32,), "opacity": (np.float32,),
             "depth": (np.float32,), "attention": (np.float32,), "eye": (np.float32,)}
 _INDIVIDUAL_MEAN = ctypes.c_size_t(-1).value
+_MOTION_SIDE = 16  # ERN_MOTION_SIDE
 _SIDE_MOST = 8192
 
 
@@ -511,7 +512,7 @@ class Renderer(_Object):
             torso = _array(torso, "torso", np.uint8, height, width, 4)
             given.torso = _pointer(torso)
         if torso_motion is not None:
-            torso_motion = _array(torso_motion, "torso_motion", np.float32, 6)
+            torso_motion = _array(torso_motion, "torso_motion", np.float32, 2, _MOTION_SIDE, _MOTION_SIDE)
             given.torso_motion = _pointer(torso_motion)
         camera = given.camera
         for name in View._fields:
@@ -555,14 +556,16 @@ class Clip(_Object):
         return np.asarray(_Memory(self, image.data, (image.height, image.width, image.channels)))
 
     def frame(self, split, index):
-        """img_id, aud_id, matrix (float32 [4, 4]), eye, landmarks (float32 [68, 2] or None), torso_motion (float32 [6] or
-        None) of a frame."""
+        """img_id, aud_id, matrix (float32 [4, 4]), eye, landmarks (float32 [68, 2] or None), torso_motion (float32
+        [2, 16, 16] or None) of a frame."""
         frame = self._media.ern_clip_frame_at(self._handle, Split(split), _integer(index, "index"))
         if not frame:
             raise IndexError(f"frame {index} of {self.info.frames[split]}")
         frame = frame.contents
         landmarks = np.array(frame.landmarks, np.float32) if frame.has_landmarks else None
-        motion = np.array(frame.torso_motion, np.float32) if self.info.has_torso_motion else None
+        motion = None
+        if self.info.has_torso_motion:
+            motion = np.array(frame.torso_motion, np.float32).reshape(2, _MOTION_SIDE, _MOTION_SIDE)
         return SimpleNamespace(img_id=frame.pose.img_id, aud_id=frame.pose.aud_id, eye=frame.eye, landmarks=landmarks,
                                torso_motion=motion,
                                matrix=np.array(frame.pose.matrix, np.float32).reshape(4, 4))

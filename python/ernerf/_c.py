@@ -225,7 +225,7 @@ class ClipInfo(Structure):
 
 class ClipFrame(Structure):
     _fields_ = [("pose", Pose), ("eye", c_float), ("has_landmarks", c_bool), ("landmarks", c_float * 2 * 68),
-                ("torso_motion", c_float * 6)]
+                ("torso_motion", c_float * 512)]
 
 
 class DubInput(Structure):

@@ -24,7 +24,7 @@ ern_status ERN_REF(ern_cpu_torso_select)(struct ern_stream *stream, struct ern_t
   return ERN_OK;
 }
 ern_status ERN_REF(ern_cpu_torso_move)(struct ern_stream *stream, struct ern_torso_move_args *a) {
-  kernels_of(stream)->torso_move(reals(a->moved.span), reals(a->q.span), a->motion, a->moved.stride, a->n);
+  kernels_of(stream)->torso_move(reals(a->moved.span), reals(a->q.span), a->motion, a->shrink, a->moved.stride, a->n);
   return ERN_OK;
 }
 ern_status ERN_REF(ern_cpu_torso_deform_fwd)(struct ern_stream *stream, struct ern_torso_deform_fwd_args *a) {

@@ -27,9 +27,8 @@ struct torso_frame { /* as in render_torso.cl */
   int32_t width, height;
   float threshold, shrink;
   uint32_t across, patches;
-  float motion[ERN_TORSO_MOTION];
 };
-static_assert(sizeof(struct torso_frame) == 48, "as in render_torso.cl");
+static_assert(sizeof(struct torso_frame) == 24, "as in render_torso.cl");
 
 struct torso_level { /* as in render_torso.cl */
   float scale;
@@ -247,9 +246,7 @@ fail:
 static struct torso_frame frame_of(const struct ern_cl_device *device, const struct ern_render_torso_args *a) {
   const uint32_t wide = (uint32_t)device->width, high = device->width > 1 ? PATCH : 1;
   const uint32_t across = ((uint32_t)a->width + wide - 1) / wide, down = ((uint32_t)a->height + high - 1) / high;
-  struct torso_frame frame = {a->width, a->height, a->threshold, a->shrink, across, across * down, {0}};
-  memcpy(frame.motion, a->motion, sizeof frame.motion);
-  return frame;
+  return (struct torso_frame){a->width, a->height, a->threshold, a->shrink, across, across * down};
 }
 
 ern_status ern_cl_torso_render(struct ern_stream *stream, struct ern_cl_torso *p,
@@ -259,14 +256,18 @@ ern_status ern_cl_torso_render(struct ern_stream *stream, struct ern_cl_torso *p
   const struct ern_arena_mark mark = ern_arena_mark(stream);
   const struct torso_frame frame = frame_of(device, a);
   struct terms terms;
+  ern_span motion;
   ern_status status = ERN_OK;
   ERN_TRY(find_terms(stream, p, a, &frame, &terms));
+  ERN_TRY(ern_scratch_take(stream, ERN_ELEMENT_REAL, ERN_MOTION_VALUES, &motion));
+  ERN_TRY(table->upload_reals(stream, motion, a->motion, ERN_MOTION_VALUES));
   if (a->opacity.buffer != NULL)
     ERN_TRY(table->zero(stream, ern_span_part(a->opacity, 0, (size_t)a->width * (size_t)a->height)));
   ERN_TRY(table->zero(stream, ern_cl_whole(p->counter)));
   struct ern_cl_call call = ern_cl_begin(stream, ERN_CL_render_torso, "render_torso", p->options);
   ERN_CL_ARGS(&call, a->pixel, a->opacity, a->grid, terms.rows, terms.columns, (int)terms.padded, ern_cl_whole(p->net),
-              ern_cl_whole(p->levels), ern_cl_from(a->parameters, a->field->torso_table), ern_cl_whole(p->counter));
+              ern_cl_whole(p->levels), ern_cl_from(a->parameters, a->field->torso_table), motion,
+              ern_cl_whole(p->counter));
   ern_cl_value(&call, &frame, sizeof frame);
   status = ern_cl_run(&call, ern_cl_groups(ern_cl_backend_of(stream), ERN_CL_SIZE_torso_groups), (size_t)p->form.group);
 fail:

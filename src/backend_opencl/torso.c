@@ -115,19 +115,18 @@ fail:
 
 /* ---- deformation ------------------------------------------------------------------------------------------------- */
 
-/* The kernel's struct motion. */
-struct motion {
-  cl_float m[ERN_TORSO_MOTION];
-};
-
 ern_status ern_cl_torso_move(struct ern_stream *stream, struct ern_torso_move_args *a) {
-  struct motion motion;
-  memcpy(motion.m, a->motion, sizeof motion.m);
+  const struct ern_arena_mark mark = ern_arena_mark(stream);
+  ern_span motion;
+  ern_status status = ERN_OK;
+  ERN_TRY(ern_scratch_take(stream, ERN_ELEMENT_REAL, ERN_MOTION_VALUES, &motion));
+  ERN_TRY(stream->backend->upload_reals(stream, motion, a->motion, ERN_MOTION_VALUES));
   struct ern_cl_call call = begin(stream, "torso_move");
-  ERN_CL_ARGS(&call, a->moved, a->q);
-  ern_cl_value(&call, &motion, sizeof motion);
-  ERN_CL_ARGS(&call, a->n);
-  return ern_cl_each(&call, a->n);
+  ERN_CL_ARGS(&call, a->moved, a->q, motion, (float)(ERN_MOTION_SIDE - 1) / 2 / a->shrink, a->n);
+  status = ern_cl_each(&call, a->n);
+fail:
+  ern_arena_release(stream, mark);
+  return status;
 }
 
 ern_status ern_cl_torso_deform_fwd(struct ern_stream *stream, struct ern_torso_deform_fwd_args *a) {

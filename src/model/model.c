@@ -125,7 +125,7 @@ void ern_model_refine_unseen(const ern_model *model, const int64_t *frames, size
   double total = 1, sum[ERN_POSE_NUMBERS]; /* starts with weight 1 for the regression's prediction */
   float row[ERN_POSE_NUMBERS];
   if (model == NULL || (frames == NULL && count > 0) || pose == NULL || model->cameras == 0) return;
-  ern_pose_regression_predict(&model->unseen, pose, sum);
+  ern_pose_regression_predict(model->unseen[0], ERN_POSE_CORRECTION, pose, sum);
   for (size_t i = 0; i < count && i < model->cameras; i++) {
     const double off = ((double)frames[i] - (double)frame) / unseen_width, weight = exp(-off * off / 2);
     total += weight;
@@ -173,11 +173,11 @@ void ern_model_tensors(const ern_model *model, struct ern_model_tensors *out) {
     add_offsets(out, ERN_PLANES, "torso_encoder", &field->torso_grid);
     add_tensor(out, "density_grid_torso", ERN_F32, 1, ERN_TORSO_CELLS, 0, 0, model->torso_grid);
     if (model->has_motion)
-      add_tensor(out, "torso_motion_unseen", ERN_F32, 2, ERN_POSE_REGRESSION_ROWS, ERN_POSE_NUMBERS, 0, &model->motion);
+      add_tensor(out, "torso_motion_unseen", ERN_F32, 2, ERN_POSE_REGRESSION_ROWS, ERN_MOTION_VALUES, 0, model->motion);
   }
   if (model->cameras > 0) {
     add_tensor(out, "camera_dR", ERN_F32, 2, model->cameras, 3, 0, model->camera);
     add_tensor(out, "camera_dT", ERN_F32, 2, model->cameras, 3, 0, model->camera + 3 * model->cameras);
-    add_tensor(out, "camera_unseen", ERN_F32, 2, ERN_POSE_REGRESSION_ROWS, ERN_POSE_NUMBERS, 0, &model->unseen);
+    add_tensor(out, "camera_unseen", ERN_F32, 2, ERN_POSE_REGRESSION_ROWS, ERN_POSE_CORRECTION, 0, model->unseen);
   }
 }

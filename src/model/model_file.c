@@ -425,17 +425,39 @@ static ern_status take_camera(ern_model *model, const struct ern_tensor_file *fi
   ERN_TRY(ern_tensor_take(model->context, file, path, "camera_dT", 2, shape, model->camera + 3 * rows));
   if (ern_tensor_file_find(file, "camera_unseen") != NULL)
     ERN_TRY(ern_tensor_take(model->context, file, path, "camera_unseen", 2,
-                            (size_t[]){ERN_POSE_REGRESSION_ROWS, ERN_POSE_NUMBERS}, (float *)&model->unseen));
+                            (size_t[]){ERN_POSE_REGRESSION_ROWS, ERN_POSE_CORRECTION}, model->unseen[0]));
 fail:
   return status;
+}
+
+/* Earlier files have an affine motion: a row of six numbers of a fit, by which a point (r, c) of the picture moves by
+ * (a_0 r + a_1 c + a_2, a_3 r + a_4 c + a_5). */
+static void spread_affine(float motion[ERN_MOTION_VALUES], const float a[6]) {
+  for (int i = 0; i < ERN_MOTION_VALUES; i++) {
+    const int point = i % (ERN_MOTION_VALUES / 2);
+    const float *of = a + (i == point ? 0 : 3);
+    const float row = 2 * (float)(point / ERN_MOTION_SIDE) / (ERN_MOTION_SIDE - 1) - 1;
+    const float column = 2 * (float)(point % ERN_MOTION_SIDE) / (ERN_MOTION_SIDE - 1) - 1;
+    motion[i] = of[0] * row + of[1] * column + of[2];
+  }
 }
 
 /* The regression of the body's motion, where the torso was trained with it. */
 static ern_status take_motion(ern_model *model, const struct ern_tensor_file *file, const char *path) {
   model->has_motion = model->field.config.torso && ern_tensor_file_find(file, "torso_motion_unseen") != NULL;
   if (!model->has_motion) return ERN_OK;
+  if (side(file, "torso_motion_unseen", 1) == 6) {
+    float affine[ERN_POSE_REGRESSION_ROWS][6];
+    const ern_status status = ern_tensor_take(model->context, file, path, "torso_motion_unseen", 2,
+                                              (size_t[]){ERN_POSE_REGRESSION_ROWS, 6}, affine[0]);
+    if (status != ERN_OK) return status;
+    for (int k = 0; k <= ERN_POSE_NUMBERS; k++) spread_affine(model->motion[k], affine[k]);
+    for (int k = ERN_POSE_NUMBERS + 1; k < ERN_POSE_REGRESSION_ROWS; k++)
+      memcpy(model->motion[k], affine[k], sizeof affine[k]);
+    return ERN_OK;
+  }
   return ern_tensor_take(model->context, file, path, "torso_motion_unseen", 2,
-                         (size_t[]){ERN_POSE_REGRESSION_ROWS, ERN_POSE_NUMBERS}, (float *)&model->motion);
+                         (size_t[]){ERN_POSE_REGRESSION_ROWS, ERN_MOTION_VALUES}, model->motion[0]);
 }
 
 /* Whether the file has every tensor of the configuration: checked before memory is allocated for the sizes that its

@@ -5,8 +5,7 @@
 #include <math.h>
 #include <string.h>
 
-enum { N = ERN_POSE_NUMBERS };
-_Static_assert(sizeof(struct ern_pose_regression) == ERN_POSE_REGRESSION_ROWS * N * sizeof(float), "a tensor");
+enum { N = ERN_POSE_NUMBERS, SLOPE = 1, LEAST = SLOPE + N, MOST }; /* rows of a fit */
 
 static const double most_number = 1e30; /* so that it fits into a float */
 
@@ -28,15 +27,15 @@ static void numbers_of(double x[N], const float pose[16]) {
 }
 
 /* Means and standard deviations of the numbers; the deviation is 0 for a number that hardly changes. */
-static void measure(struct ern_pose_regression *fit, double mean[N], double deviation[N], const float *pose, size_t n) {
+static void measure(float least[N], float most[N], double mean[N], double deviation[N], const float *pose, size_t n) {
   double x[N], square[N] = {0};
   memset(mean, 0, N * sizeof *mean);
   for (size_t i = 0; i < n; i++) {
     numbers_of(x, pose + 16 * i);
     for (int k = 0; k < N; k++) {
       mean[k] += x[k] / (double)n;
-      if (i == 0 || (float)x[k] < fit->least[k]) fit->least[k] = (float)x[k];
-      if (i == 0 || (float)x[k] > fit->most[k]) fit->most[k] = (float)x[k];
+      if (i == 0 || (float)x[k] < least[k]) least[k] = (float)x[k];
+      if (i == 0 || (float)x[k] > most[k]) most[k] = (float)x[k];
     }
   }
   for (size_t i = 0; i < n; i++) {
@@ -46,14 +45,14 @@ static void measure(struct ern_pose_regression *fit, double mean[N], double devi
   for (int k = 0; k < N; k++) deviation[k] = square[k] > 1e-10 * (1 + mean[k] * mean[k]) ? sqrt(square[k]) : 0;
 }
 
-/* Solves a x = b for symmetric positive definite a (Cholesky), each column of b; b becomes x. */
-static void solve(double a[N][N], double b[N][N]) {
+/* Solves a x = b for symmetric positive definite a (Cholesky), each column of b [N][columns]; b becomes x. */
+static void solve(double a[N][N], double b[N][ERN_POSE_MOST_VALUES], size_t columns) {
   for (int c = 0; c < N; c++)
     for (int r = c; r < N; r++) {
       for (int k = 0; k < c; k++) a[r][c] -= a[r][k] * a[c][k];
       a[r][c] = r == c ? sqrt(a[r][c]) : a[r][c] / a[c][c];
     }
-  for (int column = 0; column < N; column++) {
+  for (size_t column = 0; column < columns; column++) {
     for (int r = 0; r < N; r++) {
       for (int k = 0; k < r; k++) b[r][column] -= a[r][k] * b[k][column];
       b[r][column] /= a[r][r];
@@ -65,42 +64,42 @@ static void solve(double a[N][N], double b[N][N]) {
   }
 }
 
-void ern_pose_regression_fit(struct ern_pose_regression *fit, const float *pose, const float *correction, size_t n,
-                             double ridge) {
-  double mean[N], deviation[N], middle[N] = {0}, a[N][N] = {{0}}, b[N][N] = {{0}}, x[N];
-  memset(fit, 0, sizeof *fit);
+void ern_pose_regression_fit(float *fit, size_t values, const float *pose, const float *value, size_t n, double ridge) {
+  double mean[N], deviation[N], middle[ERN_POSE_MOST_VALUES] = {0}, a[N][N] = {{0}}, b[N][ERN_POSE_MOST_VALUES] = {{0}};
+  double x[N];
+  memset(fit, 0, ERN_POSE_REGRESSION_ROWS * values * sizeof *fit);
   if (n == 0) return;
-  measure(fit, mean, deviation, pose, n);
-  for (size_t i = 0; i < N * n; i++) middle[i % N] += (double)correction[i] / (double)n;
+  measure(fit + (LEAST * values), fit + (MOST * values), mean, deviation, pose, n);
+  for (size_t i = 0; i < values * n; i++) middle[i % values] += (double)value[i] / (double)n;
   for (size_t i = 0; i < n; i++) {
     numbers_of(x, pose + 16 * i);
     for (int k = 0; k < N; k++) x[k] = deviation[k] > 0 ? (x[k] - mean[k]) / deviation[k] : 0;
-    for (int r = 0; r < N; r++)
-      for (int c = 0; c < N; c++) {
-        a[r][c] += x[r] * x[c] / (double)n;
-        b[r][c] += x[r] * ((double)correction[N * i + (size_t)c] - middle[c]) / (double)n;
-      }
+    for (int r = 0; r < N; r++) {
+      for (int c = 0; c < N; c++) a[r][c] += x[r] * x[c] / (double)n;
+      for (size_t c = 0; c < values; c++) b[r][c] += x[r] * ((double)value[values * i + c] - middle[c]) / (double)n;
+    }
   }
   for (int k = 0; k < N; k++) a[k][k] += ridge;
-  solve(a, b);
-  for (int c = 0; c < N; c++) {
+  solve(a, b, values);
+  for (size_t c = 0; c < values; c++) {
     double constant = middle[c];
-    for (int k = 0; k < N; k++) {
+    for (size_t k = 0; k < N; k++) {
       const double slope = deviation[k] > 0 ? b[k][c] / deviation[k] : 0;
-      fit->slope[k][c] = (float)slope;
+      fit[(SLOPE + k) * values + c] = (float)slope;
       constant -= slope * mean[k];
     }
-    fit->constant[c] = (float)constant;
+    fit[c] = (float)constant;
   }
 }
 
-void ern_pose_regression_predict(const struct ern_pose_regression *fit, const float pose[16], double correction[N]) {
+void ern_pose_regression_predict(const float *fit, size_t values, const float pose[16], double *value) {
+  const float *least = fit + LEAST * values, *most = fit + MOST * values;
   double x[N];
   numbers_of(x, pose);
-  for (int c = 0; c < N; c++) correction[c] = (double)fit->constant[c];
-  for (int k = 0; k < N; k++) {
-    const double inside = fmax((double)fit->least[k], fmin((double)fit->most[k], x[k]));
-    for (int c = 0; c < N; c++) correction[c] += inside * (double)fit->slope[k][c];
+  for (size_t c = 0; c < values; c++) value[c] = (double)fit[c];
+  for (size_t k = 0; k < N; k++) {
+    const double inside = fmax((double)least[k], fmin((double)most[k], x[k]));
+    for (size_t c = 0; c < values; c++) value[c] += inside * (double)fit[(SLOPE + k) * values + c];
   }
-  for (int c = 0; c < N; c++) correction[c] = fmax(-most_number, fmin(most_number, correction[c]));
+  for (size_t c = 0; c < values; c++) value[c] = fmax(-most_number, fmin(most_number, value[c]));
 }

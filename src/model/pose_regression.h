@@ -6,22 +6,20 @@
 
 #include <stddef.h>
 
-enum { ERN_POSE_NUMBERS = 6 };
+#include "ernerf/base.h"
 
-/* All zeros: it predicts no correction. A correction is three angles in degrees and a move in scene units. */
-struct ern_pose_regression {
-  float constant[ERN_POSE_NUMBERS];
-  float slope[ERN_POSE_NUMBERS][ERN_POSE_NUMBERS];       /* by number of the pose, then by number of the correction */
-  float least[ERN_POSE_NUMBERS], most[ERN_POSE_NUMBERS]; /* of the numbers of the trained poses */
-};
-enum { ERN_POSE_REGRESSION_ROWS = 9 }; /* the struct as [rows][ERN_POSE_NUMBERS] floats */
+/* ERN_POSE_CORRECTION: three angles in degrees and a move in scene units. */
+enum { ERN_POSE_NUMBERS = 6, ERN_POSE_CORRECTION = 6, ERN_POSE_MOST_VALUES = ERN_MOTION_VALUES };
 
-/* Fits it to n trained frames. pose: [n][16], finite; correction: [n][ERN_POSE_NUMBERS]. ridge: weight of the squared
- * slopes of a standardised number, relative to the mean squared error. */
-void ern_pose_regression_fit(struct ern_pose_regression *fit, const float *pose, const float *correction, size_t n,
-                             double ridge);
-/* Clamps the numbers of the pose to the range of the trained poses. */
-void ern_pose_regression_predict(const struct ern_pose_regression *fit, const float pose[16],
-                                 double correction[ERN_POSE_NUMBERS]);
+/* A fit that predicts `values` numbers, 6..ERN_POSE_MOST_VALUES, is [ERN_POSE_REGRESSION_ROWS][values] floats: a row of
+ * constants; a row of slopes by each number of the pose; and two rows with the least and the most of each number of the
+ * trained poses, zeros behind. All zeros: it predicts zeros. */
+enum { ERN_POSE_REGRESSION_ROWS = 3 + ERN_POSE_NUMBERS };
+
+/* Fits it to n trained frames. pose: [n][16], finite; value: [n][values]. ridge: weight of the squared slopes of a
+ * standardised number, relative to the mean squared error. */
+void ern_pose_regression_fit(float *fit, size_t values, const float *pose, const float *value, size_t n, double ridge);
+/* value: [values]. Clamps the numbers of the pose to the range of the trained poses. */
+void ern_pose_regression_predict(const float *fit, size_t values, const float pose[16], double *value);
 
 #endif

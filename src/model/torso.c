@@ -1,8 +1,6 @@
 /* SPDX-License-Identifier: MIT */
 #include "model/torso.h"
 
-#include <string.h>
-
 #include "core/status.h"
 #include "mlp/activation_ops.h"
 #include "mlp/encoding_ops.h"
@@ -98,8 +96,8 @@ ern_status ern_torso_fwd(struct ern_stream *stream, const struct ern_torso_input
   ERN_TRY(backend->freq_fwd(stream, &encode_k));
   struct ern_freq_fwd_args encode_q = {.y = batch->q_encoded, .x = batch->q, .octaves = ERN_Q_OCTAVES, .n = batch->n};
   ERN_TRY(backend->freq_fwd(stream, &encode_q));
-  struct ern_torso_move_args move = {.moved = batch->moved, .q = batch->q, .n = batch->n};
-  memcpy(move.motion, in->motion, sizeof move.motion);
+  struct ern_torso_move_args move = {
+      .moved = batch->moved, .q = batch->q, .motion = in->motion, .shrink = in->shrink, .n = batch->n};
   ERN_TRY(backend->torso_move(stream, &move));
   struct ern_mlp_fwd_args mlp = deform_args(in, batch);
   ERN_TRY(backend->mlp_fwd(stream, &mlp));

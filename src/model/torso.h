@@ -10,9 +10,10 @@
 struct ern_torso_inputs {
   const struct ern_field *field;
   ern_span parameters;
-  const float *pose;              /* [16] camera to world, renderer's frame */
-  size_t individual;              /* row of the individual codes */
-  float motion[ERN_TORSO_MOTION]; /* of the body in this frame */
+  const float *pose;   /* [16] camera to world, renderer's frame */
+  size_t individual;   /* row of the individual codes */
+  const float *motion; /* [ERN_MOTION_VALUES] of the body in this frame, of ern_torso_motion_of */
+  float shrink;        /* of coordinates */
 };
 
 /* Values of a batch, or gradients by them. */
@@ -38,10 +39,10 @@ ERN_NODISCARD ern_status ern_torso_bwd(struct ern_stream *stream, const struct e
                                        const struct ern_torso_batch *batch, struct ern_torso_batch *d,
                                        ern_span dparameters);
 
-/* moved: coordinates from -1 to 1, as of ern_frame_input, to those times shrink. */
-static inline void ern_torso_motion_of(float motion[ERN_TORSO_MOTION], const float moved[ERN_TORSO_MOTION],
+/* moved: in coordinates from -1 to 1, as of ern_frame_input, to those times shrink. */
+static inline void ern_torso_motion_of(float motion[ERN_MOTION_VALUES], const float moved[ERN_MOTION_VALUES],
                                        float shrink) {
-  for (int i = 0; i < ERN_TORSO_MOTION; i++) motion[i] = i % 3 == 2 ? moved[i] * shrink : moved[i];
+  for (int i = 0; i < ERN_MOTION_VALUES; i++) motion[i] = moved[i] * shrink;
 }
 
 /* q of pixels (row-major numbers of a width x height picture). */

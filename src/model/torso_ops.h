@@ -7,7 +7,7 @@
 #include "core/operations.h"
 #include "core/types.h"
 
-enum { ERN_TORSO_POINTS = 3, ERN_TORSO_SIDE = 128, ERN_TORSO_CELLS = 128 * 128, ERN_TORSO_MOTION = 6 };
+enum { ERN_TORSO_POINTS = 3, ERN_TORSO_SIDE = 128, ERN_TORSO_CELLS = 128 * 128 };
 
 /* k[2p], k[2p+1] = gamma * X0/X3/X2, gamma * X1/X3/X2, where X = anchor_p (row vector) times transpose(inverse(pose)).
  */
@@ -57,15 +57,18 @@ struct ern_torso_select_args {
 typedef size_t ern_torso_select_kernel(int32_t *index, int32_t *selected, const int32_t *pixel, const ern_real *grid,
                                        float threshold, int width, int height, size_t n);
 
-/* q'_r = q_r + m_{3r} q_0 + m_{3r+1} q_1 + m_{3r+2} for r = 0, 1: the place in the body of a point of the picture. */
+/* q' = q + m(q): the place in the body of a point of the picture. m is given at ERN_MOTION_SIDE x ERN_MOTION_SIDE
+ * control points, evenly over the picture, bilinear between them. */
 struct ern_torso_move_args {
   ern_rows moved; /* out: [2] */
   ern_rows q;
-  float motion[ERN_TORSO_MOTION]; /* m; zeros: q' = q */
+  const float *motion; /* [ERN_MOTION_VALUES], on the host, of ern_torso_motion_of; zeros: q' = q */
+  float shrink;        /* the picture's corners have the coordinates -shrink and shrink, above 0 */
   size_t n;
 };
-#define ERN_COST_torso_move(a) ern_cost("pixel", (a)->n, 10, 4, 0, 0)
-typedef void ern_torso_move_kernel(ern_real *moved, const ern_real *q, const float *motion, size_t stride, size_t n);
+#define ERN_COST_torso_move(a) ern_cost("pixel", (a)->n, 32, 4, 0, 0)
+typedef void ern_torso_move_kernel(ern_real *moved, const ern_real *q, const float *motion, float shrink, size_t stride,
+                                   size_t n);
 
 /* x = clamp(q + d, -1, 1), q being q' */
 struct ern_torso_deform_fwd_args {
@@ -146,10 +149,10 @@ struct ern_render_torso_args {
   float threshold;
   int width, height;
   struct ern_torso_place frame;
-  float shrink;      /* of coordinates: 0.8 */
-  float pose[16];    /* camera to world, renderer's frame; the caller has checked that it can be inverted */
-  size_t individual; /* row of the individual codes */
-  float motion[ERN_TORSO_MOTION]; /* of torso_move */
+  float shrink;        /* of coordinates: 0.8 */
+  float pose[16];      /* camera to world, renderer's frame; the caller has checked that it can be inverted */
+  size_t individual;   /* row of the individual codes */
+  const float *motion; /* [ERN_MOTION_VALUES] of torso_move */
   ern_span parameters;
   const struct ern_field *field;
 };

@@ -146,12 +146,25 @@ size_t ERN_REF(ern_torso_select)(int32_t *index, int32_t *selected, const int32_
 
 /* ---- deformation ---- */
 
-/* q'_r = q_r + (m_{3r} q_0 + m_{3r+1} q_1 + m_{3r+2}) */
-void ERN_REF(ern_torso_move)(ern_real *moved, const ern_real *q, const float *motion, size_t stride, size_t n) {
+/* q'_r = q_r + m_r, bilinear; beyond the outermost control points as at them */
+void ERN_REF(ern_torso_move)(ern_real *moved, const ern_real *q, const float *motion, float shrink, size_t stride,
+                             size_t n) {
+  enum { SIDE = ERN_MOTION_SIDE };
+  const ern_real middle = (ern_real)(SIDE - 1) / 2, scale = middle / (ern_real)shrink;
   for (size_t i = 0; i < n; i++) {
-    for (size_t r = 0; r < 2; r++) {
-      const float *m = motion + 3 * r;
-      moved[r * stride + i] = q[r * stride + i] + (m[0] * q[i] + m[1] * q[stride + i] + m[2]);
+    ern_real toward[2];
+    size_t cell[2];
+    for (size_t d = 0; d < 2; d++) {
+      const ern_real free = q[d * stride + i] * scale + middle;
+      const ern_real at = free > 0 ? free < 2 * middle ? free : 2 * middle : 0;
+      cell[d] = at < SIDE - 2 ? (size_t)at : SIDE - 2;
+      toward[d] = at - (ern_real)cell[d];
+    }
+    for (size_t d = 0; d < 2; d++) {
+      const float *m = motion + (d * SIDE + cell[0]) * SIDE + cell[1];
+      const ern_real upper = (1 - toward[1]) * m[0] + toward[1] * m[1];
+      const ern_real lower = (1 - toward[1]) * m[SIDE] + toward[1] * m[SIDE + 1];
+      moved[d * stride + i] = q[d * stride + i] + ((1 - toward[0]) * upper + toward[0] * lower);
     }
   }
 }

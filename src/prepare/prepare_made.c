@@ -42,7 +42,7 @@ static const struct file {
              {"", "transforms_train.json", POSE},
              {"", "transforms_val.json", POSE},
              {"", "bc.jpg", LAYERS},
-             {"", "torso.csv", LAYERS},
+             {"", "torso.npy", LAYERS},
              {"", "au.csv", EYES},
              {"", "aud.npy", FEATURES},
              {"", "overlay.mp4", REPORT},
@@ -78,7 +78,7 @@ static bool is_written(const struct ern_prepare_job *job, const struct file *fil
   if (is_one_of(file, "aud.wav")) return has(job, "face", "sound");
   if (strcmp(file->name, "pose.csv") == 0) return job->options->poses == NULL;
   if (is_one_of(file, "au.csv")) return job->options->au != NULL || has(job, "eyes", "blinks");
-  if (is_one_of(file, "torso.csv")) return measured(job, "layers", "body_motion_known") > 0;
+  if (is_one_of(file, "torso.npy")) return measured(job, "layers", "body_motion_known") > 0;
   if (is_one_of(file, "aud.npy")) return job->options->features != NULL;
   return true;
 }

@@ -28,6 +28,7 @@ fail:
 /* The model's own torso over the background rows, in place. */
 static ern_status torso_layer(ern_renderer *r, const ern_frame_input *input, struct frame *f) {
   const ern_box *frame = &input->camera.frame;
+  float motion[ERN_MOTION_VALUES];
   struct ern_render_torso_args args = {
       .pixel = f->background,
       .opacity = f->torso_opacity.span,
@@ -38,10 +39,11 @@ static ern_status torso_layer(ern_renderer *r, const ern_frame_input *input, str
       .frame = {frame->top, frame->left, frame->right - frame->left, frame->bottom - frame->top},
       .shrink = r->options.torso_shrink,
       .individual = r->individual,
+      .motion = motion,
       .parameters = ern_whole(r->parameters, r->field.parameters),
       .field = &r->field};
   memcpy(args.pose, input->camera.pose, sizeof args.pose);
-  ern_renderer_torso_motion(r, input, args.motion);
+  ern_renderer_torso_motion(r, input, motion);
   return r->backend->render_torso(r->stream, &args);
 }
 

@@ -98,7 +98,7 @@ ern_status ern_frame_input_check(ern_context *context, const struct ern_field *f
   if (status != ERN_OK) return status;
   if (!(input->eye >= 0 && input->eye <= 1))
     return ern_fail(context, ERN_E_ARGUMENT, "render: eye is %g, expected 0 to 1", (double)input->eye);
-  for (int i = 0; i < 6 && input->torso_motion != NULL; i++)
+  for (int i = 0; i < ERN_MOTION_VALUES && input->torso_motion != NULL; i++)
     if (!(fabsf(input->torso_motion[i]) <= 1e3f))
       return ern_fail(context, ERN_E_ARGUMENT, "render: torso_motion: value %d is %g, expected -1000 to 1000", i,
                       (double)input->torso_motion[i]);

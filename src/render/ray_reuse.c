@@ -81,7 +81,7 @@ ern_status ern_ray_reuse_check_background(ern_renderer *r, const ern_frame_input
   bool same = b->known;
   const size_t pixels = r->frame.pixels;
   const bool torso = r->field.config.torso;
-  float motion[6];
+  float motion[ERN_MOTION_VALUES];
   ern_status status = ERN_OK;
   if (b->width != input->camera.width || b->height != input->camera.height) {
     ern_release(r->context, b->background);

@@ -26,7 +26,7 @@ struct ern_ray_reuse_background {
   float pose[16];
   ern_box frame;
   size_t individual;
-  float motion[6]; /* of the model's torso */
+  float motion[ERN_MOTION_VALUES]; /* of the model's torso */
 };
 
 struct ern_ray_reuse {

@@ -12,14 +12,14 @@ ern_status ern_renderer_buffer(ern_renderer *r, enum buffer buffer, ern_element 
   return status;
 }
 
-void ern_renderer_torso_motion(const ern_renderer *r, const ern_frame_input *input, float motion[6]) {
-  double predicted[ERN_POSE_NUMBERS];
-  float own[ERN_TORSO_MOTION] = {0};
+void ern_renderer_torso_motion(const ern_renderer *r, const ern_frame_input *input, float motion[ERN_MOTION_VALUES]) {
+  double predicted[ERN_MOTION_VALUES];
+  float own[ERN_MOTION_VALUES] = {0};
   if (r->model->has_motion && input->torso_motion != NULL) {
     memcpy(own, input->torso_motion, sizeof own);
   } else if (r->model->has_motion) {
-    ern_pose_regression_predict(&r->model->motion, input->camera.pose, predicted);
-    for (int i = 0; i < ERN_TORSO_MOTION; i++) own[i] = (float)predicted[i];
+    ern_pose_regression_predict(r->model->motion[0], ERN_MOTION_VALUES, input->camera.pose, predicted);
+    for (int i = 0; i < ERN_MOTION_VALUES; i++) own[i] = (float)predicted[i];
   }
   ern_torso_motion_of(motion, own, r->options.torso_shrink);
 }

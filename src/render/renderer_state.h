@@ -87,7 +87,7 @@ ERN_NODISCARD ern_status ern_renderer_encode_audio(ern_renderer *r, const ern_fr
  * torso. */
 ERN_NODISCARD ern_status ern_renderer_background_layers(ern_renderer *r, const ern_frame_input *input);
 /* motion: of torso_move for this frame; zeros for a model without torso motion. */
-void ern_renderer_torso_motion(const ern_renderer *r, const ern_frame_input *input, float motion[6]);
+void ern_renderer_torso_motion(const ern_renderer *r, const ern_frame_input *input, float motion[ERN_MOTION_VALUES]);
 
 /* Renders the head over the background rows into the frame's pixels. */
 ERN_NODISCARD ern_status ern_renderer_head(ern_renderer *r, const ern_frame_input *input);

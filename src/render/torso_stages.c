@@ -35,11 +35,11 @@ static ern_status take_numbers(struct ern_stream *stream, int width, int height,
 ern_status ern_render_torso_stages(struct ern_stream *stream, struct ern_render_torso_args *args) {
   const struct ern_arena_mark mark = ern_arena_mark(stream);
   const size_t pixels = (size_t)args->width * (size_t)args->height;
-  struct ern_torso_inputs in = {args->field, args->parameters, args->pose, args->individual, {0}};
+  struct ern_torso_inputs in = {args->field,      args->parameters, args->pose,
+                                args->individual, args->motion,     args->shrink};
   struct ern_torso_batch batch;
   ern_status status = ERN_OK;
   const struct ern_torso_place frame = ern_torso_place_of(args);
-  memcpy(in.motion, args->motion, sizeof in.motion);
   struct ern_torso_select_args select = {
       .grid = args->grid, .threshold = args->threshold, .width = frame.width, .height = frame.height, .n = pixels};
   ERN_TRY(take_numbers(stream, args->width, args->height, &frame, &select.pixel));

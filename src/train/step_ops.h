@@ -70,7 +70,7 @@ struct ern_torso_step_args {
   ern_span pixel_number;
   ern_rows truth, background;
   size_t individual;
-  float motion[6];               /* of torso_move */
+  const float *motion;           /* [ERN_MOTION_VALUES] of torso_move */
   void (*meanwhile)(void *user); /* as above */
   void *user;
   size_t n;

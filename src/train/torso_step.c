@@ -14,12 +14,12 @@
 ern_status ern_torso_step_stages(struct ern_stream *stream, struct ern_torso_step_args *args) {
   const struct ern_backend *backend = stream->backend;
   const struct ern_arena_mark mark = ern_arena_mark(stream);
-  struct ern_torso_inputs in = {args->field, args->parameters, args->view->pose, args->individual, {0}};
+  struct ern_torso_inputs in = {args->field,      args->parameters, args->view->pose,
+                                args->individual, args->motion,     args->shrink};
   struct ern_torso_batch batch, d;
   ern_rows pixel, dpixel;
   ern_status status = ERN_OK;
   memset(args->terms, 0, sizeof args->terms);
-  memcpy(in.motion, args->motion, sizeof in.motion);
 
   struct ern_torso_select_args select = {.pixel = args->pixel_number,
                                          .grid = args->grid,

@@ -131,7 +131,7 @@ static const ern_setting table[] = {
     {ERN_ROW_BOOL(torso_motion), .group = "torso", .fallback = true, .resume = ERN_RESUME_KEPT,
      .scope = ERN_SCOPE_TORSO, .same_everywhere = true,
      .help =
-         "a torso moves with the body's motion, if the clip has torso.csv; no: as published. A resumed torso goes on "
+         "a torso moves with the body's motion, if the clip has torso.npy; no: as published. A resumed torso goes on "
          "as it began"},
     {ERN_ROW_BOOL(voice_fade), .group = "model", .fallback = true, .resume = ERN_RESUME_KEPT, .scope = ERN_SCOPE_HEAD,
      .same_everywhere = true,

@@ -231,7 +231,7 @@ ern_status ern_trainer_model(ern_trainer *t, ern_model **model) {
     return status;
   }
   (*model)->has_motion = t->shared.model->has_motion;
-  (*model)->motion = t->shared.model->motion;
+  memcpy((*model)->motion, t->shared.model->motion, sizeof(*model)->motion);
   (*model)->head_steps = t->shared.model->head_steps;
   (*model)->torso_steps = t->shared.model->torso_steps;
   (*model)->view = t->shared.model->view;

@@ -95,10 +95,10 @@ static ern_status torso_step(ern_trainer *t, const struct ern_batch *batch, stru
                                      .truth = batch->truth,
                                      .background = batch->background,
                                      .individual = ern_trainer_code(&t->shared, batch->frame),
+                                     .motion = t->shared.motion[batch->frame],
                                      .meanwhile = ern_trainer_draw_ahead,
                                      .user = &t->batches,
                                      .n = batch->rays};
-  memcpy(args.motion, t->shared.motion[batch->frame], sizeof args.motion);
   const ern_status status = t->shared.backend->torso_step(t->shared.stream, &args);
   add_part(t, sum, args.terms, args.terms[ERN_LOSS_PHOTOMETRIC], args.samples, batch->rays);
   return status;

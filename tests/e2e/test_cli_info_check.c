@@ -204,13 +204,13 @@ static void test_check(void **state) {
   cli_expect_out(&cli, 0, "ok       bc.jpg", "ok       aud.wav", NULL);
   cli_run(&cli, "check clip");
   cli_expect_out(&cli, 0, "ok ", "10 frames of 64 x 64", "aud_ds.npy", "au.csv", "torso_imgs", "ernerf train", NULL);
-  /* the made-up clip has no parsing/ and no torso.csv, and nothing else is missing */
+  /* the made-up clip has no parsing/ and no torso.npy, and nothing else is missing */
   const char *missing = strstr(cli.out, "missing ");
   assert_non_null(missing);
   assert_ptr_equal(missing, strstr(cli.out, "missing  parsing"));
   missing = strstr(missing + 1, "missing ");
   assert_non_null(missing);
-  assert_ptr_equal(missing, strstr(cli.out, "missing  torso.csv"));
+  assert_ptr_equal(missing, strstr(cli.out, "missing  torso.npy"));
   assert_null(strstr(missing + 1, "missing "));
   assert_string_equal(cli.err, "");
   cli_run(&cli, "check clip --json");

@@ -22,7 +22,7 @@ static const char *const names[FILES] = {"transforms_train.json",
                                          "torso_imgs/1.png",
                                          "ori_imgs/0.lms",
                                          "ori_imgs/1.lms",
-                                         "torso.csv"};
+                                         "torso.npy"};
 
 struct good {
   uint8_t *bytes[FILES];
@@ -54,14 +54,17 @@ static void keep_picture(struct good *good, ern_context *context, int file, int 
 
 static void keep_text(struct good *good, int file, const char *text) { keep(good, file, text, strlen(text)); }
 
-static void keep_numbers(struct good *good, int file) {
-  enum { HEADER = 118, VALUES = 3 * 16 * 2 };
-  static uint8_t bytes[10 + HEADER + VALUES * sizeof(float)];
+/* Zeros of that shape, `values` of them. */
+static void keep_numbers(struct good *good, int file, const char *shape, size_t values) {
+  enum { HEADER = 118, MOST = 2 * ERN_MOTION_VALUES };
+  static uint8_t bytes[10 + HEADER + MOST * sizeof(float)];
+  char header[HEADER];
+  snprintf(header, sizeof header, "{'descr': '<f4', 'fortran_order': False, 'shape': (%s), }", shape);
   memcpy(bytes, "\x93NUMPY\x01", 7);
   bytes[8] = HEADER;
   memset(bytes + 10, ' ', HEADER);
-  memcpy(bytes + 10, "{'descr': '<f4', 'fortran_order': False, 'shape': (3, 16, 2), }", 63);
-  keep(good, file, bytes, sizeof bytes);
+  memcpy(bytes + 10, header, strlen(header));
+  keep(good, file, bytes, 10 + HEADER + values * sizeof(float));
 }
 
 static void make(struct good *good, ern_context *context) {
@@ -76,8 +79,8 @@ static void make(struct good *good, ern_context *context) {
     keep_text(good, i, text);
   }
   keep_picture(good, context, 2, 3);
-  keep_numbers(good, 3);
-  keep_numbers(good, 4);
+  keep_numbers(good, 3, "3, 16, 2", 3 * 16 * 2);
+  keep_numbers(good, 4, "3, 16, 2", 3 * 16 * 2);
   keep_text(good, 5, "frame, AU45_r\n1, 0.5\n2, 5\n");
   const ern_sound sound = {.data = (int16_t *)(uintptr_t)samples, .frames = 8, .rate = 16000, .channels = 1};
   FUZZ_REQUIRE(ern_sound_write_wav(context, "made.wav", &sound) == ERN_OK);
@@ -89,8 +92,7 @@ static void make(struct good *good, ern_context *context) {
   text[0] = 0;
   for (int i = 0; i < 68; i++) snprintf(text + strlen(text), sizeof text - strlen(text), "%d %d.5\n", i % 8, i / 9);
   for (int file = 11; file < 13; file++) keep_text(good, file, text);
-  keep_text(good, 13,
-            "frame,row_row,row_column,row,column_row,column_column,column\n0,0,0,-0.1,0,0,0.2\n1,0,0,0.1,0,0,-1e3\n");
+  keep_numbers(good, 13, "2, 2, 16, 16", 2 * ERN_MOTION_VALUES);
   const char *const folders[] = {"clip", "clip/gt_imgs", "clip/torso_imgs", "clip/ori_imgs"};
   for (size_t i = 0; i < 4; i++) mkdir(folders[i], 0755);
 }
@@ -131,7 +133,7 @@ static void look_at(ern_context *context, ern_clip *clip) {
       ern_dataset_frame frame;
       FUZZ_REQUIRE(data.frame(data.user, split, i, &frame) == ERN_OK);
       FUZZ_REQUIRE(frame.eye >= 0 && frame.eye <= 1 && frame.aud_id < (int64_t)data.features->windows);
-      for (int k = 0; k < 6; k++) FUZZ_REQUIRE(fabsf(frame.torso_motion[k]) <= 1e3f);
+      for (int k = 0; k < ERN_MOTION_VALUES; k++) FUZZ_REQUIRE(fabsf(frame.torso_motion[k]) <= 1e3f);
       if (ern_clip_pixels(clip, (ern_split)split, i, &truth, &torso) != ERN_OK) {
         fuzz_refused(context, "clip/");
         continue;

@@ -135,7 +135,9 @@ static void scene_open_of(struct scene *s, struct kinds kinds) {
                                         .n = RAYS};
   for (int i = 0; i < RAYS; i++) reals_of(s->head.face)[i] = i % 3 == 0;
   const ern_span grid = take(s, ERN_TORSO_CELLS);
+  static float motion[ERN_MOTION_VALUES];
   for (int i = 0; i < ERN_TORSO_CELLS; i++) reals_of(grid)[i] = 1;
+  for (int i = 0; i < ERN_MOTION_VALUES; i++) motion[i] = 0.02f * (float)(i % 5 - 2);
   s->torso = (struct ern_torso_step_args){.dparameters = gradient,
                                           .parameters = values,
                                           .field = &s->field,
@@ -147,7 +149,7 @@ static void scene_open_of(struct scene *s, struct kinds kinds) {
                                           .truth = s->head.truth,
                                           .background = s->head.background,
                                           .individual = 2,
-                                          .motion = {0.05f, -0.03f, 0.02f, 0.04f, -0.02f, 0.03f},
+                                          .motion = motion,
                                           .n = TORSO_RAYS};
 }
 

@@ -221,8 +221,11 @@ static void check_deform(size_t n, bool apart) {
 }
 
 static void check_move(size_t n) {
-  static const float motion[][ERN_TORSO_MOTION] = {
-      {0}, {0.1f, -0.2f, 0.05f, 0.15f, -0.1f, 0.3f}, {0, 0, 1e3f, 0, 0, -1e3f}};
+  static float motion[3][ERN_MOTION_VALUES]; /* none; usual; the most that is accepted */
+  for (size_t i = 0; i < ERN_MOTION_VALUES; i++) {
+    motion[1][i] = random_at(4, i, 0.3f);
+    motion[2][i] = i % 3 == 0 ? 1e3f : -1e3f;
+  }
   float *q = floats(2 * n);
   for (size_t i = 0; i < 2 * n; i++) q[i] = random_at(1, i, 0.8f);
   const struct many_rows q_rows = many_strided(q, 2, n, ERN_PER_SAMPLE);
@@ -230,8 +233,8 @@ static void check_move(size_t n) {
     const struct many_rows moved = many_strided(NULL, 2, n, ERN_PER_SAMPLE);
     struct ern_torso_move_args args[MACHINES];
     EACH_MACHINE (b) {
-      args[b] = (struct ern_torso_move_args){.moved = moved.on[b], .q = q_rows.on[b], .n = n};
-      memcpy(args[b].motion, motion[k], sizeof args[b].motion);
+      args[b] = (struct ern_torso_move_args){
+          .moved = moved.on[b], .q = q_rows.on[b], .motion = motion[k], .shrink = 0.75f, .n = n};
     }
     RUN(torso_move, args);
     expect_rows("moved", moved);

@@ -58,9 +58,10 @@ struct stage {
 static struct stage stage_make(const struct scene *scene) {
   static const float pose[16] = {0.1f, -0.99f, -0.03f, 0.19f, 0.06f,  0.04f, -1.02f, 3.04f,
                                  1.0f, 0.09f,  0.07f,  -0.2f, 0.003f, 0.01f, -0.02f, 1.0f};
-  static const float motion[ERN_TORSO_MOTION] = {0.05f, -0.03f, 0.02f, 0.04f, -0.02f, -0.03f};
+  static float motion[2][ERN_MOTION_VALUES]; /* none, some */
   const struct many parameters = many_reals(scene->block, scene->field.parameters);
   const struct many grid = many_reals(scene->cells, ERN_TORSO_CELLS);
+  for (size_t i = 0; i < ERN_MOTION_VALUES; i++) motion[1][i] = random_at(9, i, 0.05f);
   struct stage stage = {.planes = many_reals(scene->planes, PLANES * scene->stride)};
   EACH_MACHINE (k) {
     const ern_span planes = stage.planes.on[k];
@@ -74,10 +75,10 @@ static struct stage stage_make(const struct scene *scene) {
         .frame = scene->frame,
         .shrink = 0.8f,
         .individual = scene->config.codes > 0 ? 3 : 0,
+        .motion = motion[scene->width % 2 == 0],
         .parameters = parameters.on[k],
         .field = &scene->field};
     memcpy(stage.args[k].pose, pose, sizeof pose);
-    if (scene->width % 2 == 0) memcpy(stage.args[k].motion, motion, sizeof motion);
     struct ern_render_prepare_args prepare = {parameters.on[k], &scene->field};
     RUN_ON(k, render_prepare, &prepare);
   }

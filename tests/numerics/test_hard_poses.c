@@ -142,18 +142,19 @@ static void test_regression_of_extreme_poses(void **state) {
   (void)state;
   enum { MANY = 12 };
   static const float sizes[] = {0, 1e-42f, 1e-20f, 1, 1e18f, 1e38f};
-  static float pose[16 * MANY], row[ERN_POSE_NUMBERS * MANY];
-  struct ern_pose_regression fit;
-  double predicted[ERN_POSE_NUMBERS];
+  static float pose[16 * MANY], row[ERN_POSE_CORRECTION * MANY];
+  float fit[ERN_POSE_REGRESSION_ROWS * ERN_POSE_CORRECTION];
+  double predicted[ERN_POSE_CORRECTION];
   for (size_t of_pose = 0; of_pose < 6; of_pose++)
     for (size_t of_row = 0; of_row < 6; of_row++) {
       for (size_t i = 0; i < 16 * MANY; i++) pose[i] = machines_random(2, i, sizes[of_pose]);
-      for (size_t i = 0; i < ERN_POSE_NUMBERS * MANY; i++) row[i] = machines_random(3, i, fminf(sizes[of_row], 1e30f));
+      for (size_t i = 0; i < ERN_POSE_CORRECTION * MANY; i++)
+        row[i] = machines_random(3, i, fminf(sizes[of_row], 1e30f));
       for (size_t n = 1; n <= MANY; n++) {
-        ern_pose_regression_fit(&fit, pose, row, n, 0.3);
+        ern_pose_regression_fit(fit, ERN_POSE_CORRECTION, pose, row, n, 0.3);
         for (size_t i = 0; i < MANY; i++) {
-          ern_pose_regression_predict(&fit, pose + 16 * i, predicted);
-          for (size_t k = 0; k < ERN_POSE_NUMBERS; k++) assert_true(fabs(predicted[k]) <= 1e30);
+          ern_pose_regression_predict(fit, ERN_POSE_CORRECTION, pose + 16 * i, predicted);
+          for (size_t k = 0; k < ERN_POSE_CORRECTION; k++) assert_true(fabs(predicted[k]) <= 1e30);
         }
       }
     }

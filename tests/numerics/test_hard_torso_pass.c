@@ -26,6 +26,7 @@ static struct painted paint(const struct canvas *canvas) {
   const struct many grid = many_reals(cells, ERN_TORSO_CELLS);
   const struct painted out = {many_reals(background, 3 * n), many_empty(n), n};
   free(background), free(cells);
+  static const float still[ERN_MOTION_VALUES];
   struct ern_render_torso_args args[MACHINES];
   for (int k = 0; k < machines.count; k++) {
     args[k] = (struct ern_render_torso_args){.pixel = {out.pixel.on[k], n, 3, ERN_PER_RAY},
@@ -35,6 +36,7 @@ static struct painted paint(const struct canvas *canvas) {
                                              .width = canvas->width,
                                              .height = canvas->height,
                                              .shrink = 0.8f,
+                                             .motion = still,
                                              .parameters = parameters.on[k],
                                              .field = &passes.field};
     memcpy(args[k].pose, canvas->pose, sizeof args[k].pose);

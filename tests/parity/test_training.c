@@ -209,6 +209,7 @@ static void train_torso(const char *isa, bool nudged, double terms[TORSO_STEPS][
                                        .truth = s.truth,
                                        .background = s.background,
                                        .individual = frame,
+                                       .motion = (const float[ERN_MOTION_VALUES]){0},
                                        .n = s.rays};
     support_ok(p.context, p.backend->zero(s.stream, s.gradient));
     support_ok(p.context, p.backend->torso_step(s.stream, &args));

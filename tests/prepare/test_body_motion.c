@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * Where the body is: a body that is moved, turned and enlarged by known amounts below a head that moves otherwise, and
- * frames that show too little of it. */
+ * Where the body is: a body that is moved, turned, enlarged and bent by known amounts below a head that moves
+ * otherwise, and frames that show too little of it. */
 #include "prepare/layers/layers.h"
 #include "prepare_test.h"
 
@@ -25,12 +25,25 @@ static double texture(double row, double column) {
   return fmin(fmax(128 + 18 * sum, 0), 255);
 }
 
-/* A frame whose body is where `motion` says: below row 0.2, and narrower above. */
-static void draw(const float motion[6]) {
+struct truth {
+  double affine[6], bend;
+};
+
+/* The displacement of a point, half sides: by a_0 r + a_1 c + a_2 and a_3 r + a_4 c + a_5, and a shoulder that is
+ * lifted. */
+static void displacement(double by[2], const struct truth *t, double r, double c) {
+  const double *a = t->affine;
+  by[0] = a[0] * r + a[1] * c + a[2] + t->bend * sin(2.5 * c);
+  by[1] = a[3] * r + a[4] * c + a[5];
+}
+
+/* A frame whose body is where `truth` says: below row 0.2, and narrower above. */
+static void draw(const struct truth *truth) {
   for (int i = 0; i < SIDE * SIDE; i++) {
     const double r = (2.0 * (i / SIDE) + 1) / SIDE - 1, c = (2.0 * (i % SIDE) + 1) / SIDE - 1;
-    const double row = r + (double)motion[0] * r + (double)motion[1] * c + (double)motion[2];
-    const double column = c + (double)motion[3] * r + (double)motion[4] * c + (double)motion[5];
+    double by[2];
+    displacement(by, truth, r, c);
+    const double row = r + by[0], column = c + by[1];
     const bool body = row > 0.2 && fabs(column) < 0.3 + row;
     const uint8_t grey = (uint8_t)lround(texture(row, column));
     parts[i] = body ? ERN_PART_TORSO : r < 0.1 && fabs(c) < 0.3 ? ERN_PART_HEAD : ERN_PART_BACKGROUND;
@@ -39,38 +52,41 @@ static void draw(const float motion[6]) {
   }
 }
 
-static void expect_motion(const float found[6], const float truth[6], double pixels) {
-  static const double place[][2] = {{0.3, -0.3}, {0.3, 0.3}, {0.95, -0.9}, {0.95, 0.9}, {0.6, 0}};
+static void expect_motion(const float found[ERN_MOTION_VALUES], const struct truth *truth, double pixels) {
+  enum { LAST = ERN_MOTION_SIDE - 1 };
+  static const int place[][2] = {{10, 5}, {10, 10}, {14, 2}, {14, 13}, {12, 7}, {11, 4}, {13, 10}}; /* control points */
   for (size_t p = 0; p < sizeof place / sizeof *place; p++)
     for (int k = 0; k < 2; k++) {
-      double off = 0;
-      for (int i = 0; i < 3; i++)
-        off += ((double)found[3 * k + i] - (double)truth[3 * k + i]) * (i < 2 ? place[p][i] : 1);
-      if (fabs(off) * SIDE / 2 > pixels) fail_msg("place %zu, axis %d: off by %.2f pixels", p, k, off * SIDE / 2);
+      double by[2];
+      displacement(by, truth, 2.0 * place[p][0] / LAST - 1, 2.0 * place[p][1] / LAST - 1);
+      const size_t at = (size_t)((k * ERN_MOTION_SIDE + place[p][0]) * ERN_MOTION_SIDE + place[p][1]);
+      const double off = ((double)found[at] - by[k]) * SIDE / 2;
+      if (!(fabs(off) <= pixels)) fail_msg("place %zu, axis %d: off by %.2f pixels", p, k, off);
     }
 }
 
 static void test_moved(void **state) {
   (void)state;
-  static const float truth[][6] = {{0, 0, 0, 0, 0, 0},
-                                   {0, 0, 0.02f, 0, 0, -0.03f},
-                                   {0.03f, 0, -0.04f, 0, 0.03f, 0.01f},
-                                   {0, 0.04f, 0.01f, -0.04f, 0, 0.05f},
-                                   {-0.02f, 0.01f, 0.05f, 0.03f, 0.02f, -0.06f}};
+  static const struct truth truth[] = {{{0, 0, 0, 0, 0, 0}, 0},
+                                       {{0, 0, 0.02, 0, 0, -0.03}, 0},
+                                       {{0.03, 0, -0.04, 0, 0.03, 0.01}, 0},
+                                       {{0, 0.04, 0.01, -0.04, 0, 0.05}, 0},
+                                       {{-0.02, 0.01, 0.05, 0.03, 0.02, -0.06}, 0},
+                                       {{0, 0, 0.01, 0, 0, 0.01}, 0.03}};
   enum { FRAMES = sizeof truth / sizeof *truth };
   ern_context *context = support_context();
   struct ern_body_reference *reference = NULL;
-  float motion[6];
+  float motion[ERN_MOTION_VALUES];
   bool found = false;
   memset(background, 90, sizeof background);
-  draw(truth[0]);
+  draw(&truth[0]);
   support_ok(context, ern_body_reference_make(context, SIDE, background, rgba, parts, &reference));
   for (int mean = 0; mean < 2; mean++) { /* compared with the first frame, then with the mean of all */
     for (size_t f = 0; f < FRAMES; f++) {
-      draw(truth[f]);
+      draw(&truth[f]);
       support_ok(context, ern_body_reference_find(reference, rgba, parts, motion, &found));
       assert_true(found);
-      expect_motion(motion, truth[f], 0.5);
+      expect_motion(motion, &truth[f], 0.5);
       support_ok(context, ern_body_reference_add(reference, rgba, parts));
     }
     support_ok(context, ern_body_reference_mean(reference));
@@ -86,17 +102,17 @@ static void test_moved(void **state) {
 /* A body of one colour: no texture says where it is, and it counts as still. */
 static void test_plain(void **state) {
   (void)state;
-  static const float still[6] = {0};
+  static const struct truth still = {0};
   ern_context *context = support_context();
   struct ern_body_reference *reference = NULL;
-  float motion[6];
+  float motion[ERN_MOTION_VALUES];
   bool found = false;
-  draw(still);
+  draw(&still);
   for (int i = 0; i < SIDE * SIDE; i++) memset(rgba + 4 * i, 90, 3);
   memset(background, 90, sizeof background);
   support_ok(context, ern_body_reference_make(context, SIDE, background, rgba, parts, &reference));
   support_ok(context, ern_body_reference_find(reference, rgba, parts, motion, &found));
-  if (found) expect_motion(motion, still, 0.5);
+  if (found) expect_motion(motion, &still, 0.5);
   ern_body_reference_free(reference);
   ern_context_free(&context);
 }

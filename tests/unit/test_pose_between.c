@@ -151,7 +151,7 @@ static void test_unseen(void **state) {
   memcpy(pose, first, sizeof pose);
   ern_model_refine_unseen(model, frames, ROWS, INT64_MAX, pose);
   expect_near(pose, first, "a frame far away");
-  model->unseen.constant[4] = 0.25f; /* what the pose says, by a regression */
+  model->unseen[0][4] = 0.25f; /* what the pose says, by a regression */
   memcpy(pose, first, sizeof pose);
   ern_model_refine_unseen(model, NULL, 0, 5, pose);
   first[7] += 0.25f;
@@ -171,22 +171,22 @@ static void pose_of(float pose[16], float angle, float distance) {
   memcpy(pose, rows, sizeof rows);
 }
 
-static void fit_to(struct ern_pose_regression *fit, float (*of)(float angle, float distance)) {
-  float pose[16 * MANY], row[ERN_POSE_NUMBERS * MANY] = {0};
+static void fit_to(float *fit, float (*of)(float angle, float distance)) {
+  float pose[16 * MANY], row[ERN_POSE_CORRECTION * MANY] = {0};
   for (int i = 0; i < MANY; i++) {
     const float angle = 0.2f * sinf(0.37f * (float)i), distance = 3 + 0.1f * cosf(1.1f * (float)i);
     pose_of(pose + 16 * i, angle, distance);
-    row[ERN_POSE_NUMBERS * i + 1] = of(angle, distance);
+    row[ERN_POSE_CORRECTION * i + 1] = of(angle, distance);
   }
-  ern_pose_regression_fit(fit, pose, row, MANY, 0.3);
+  ern_pose_regression_fit(fit, ERN_POSE_CORRECTION, pose, row, MANY, 0.3);
 }
 
-static double predicted(const struct ern_pose_regression *fit, float angle, float distance) {
+static double predicted(const float *fit, float angle, float distance) {
   float pose[16];
-  double row[ERN_POSE_NUMBERS];
+  double row[ERN_POSE_CORRECTION];
   pose_of(pose, angle, distance);
-  ern_pose_regression_predict(fit, pose, row);
-  for (int k = 0; k < ERN_POSE_NUMBERS; k++) assert_true(k == 1 || fabs(row[k]) < 1e-6);
+  ern_pose_regression_predict(fit, ERN_POSE_CORRECTION, pose, row);
+  for (int k = 0; k < ERN_POSE_CORRECTION; k++) assert_true(k == 1 || fabs(row[k]) < 1e-6);
   return row[1];
 }
 
@@ -196,21 +196,21 @@ static float of_distance(float angle, float distance) { return (void)angle, dist
 
 static void test_predicted_constant(void **state) {
   (void)state;
-  struct ern_pose_regression fit;
-  fit_to(&fit, constant);
-  assert_true(fabs(predicted(&fit, 0.1f, 3) - 0.7) < 1e-5);
-  assert_true(fabs(predicted(&fit, -1, 9) - 0.7) < 1e-5);
+  float fit[ERN_POSE_REGRESSION_ROWS * ERN_POSE_CORRECTION];
+  fit_to(fit, constant);
+  assert_true(fabs(predicted(fit, 0.1f, 3) - 0.7) < 1e-5);
+  assert_true(fabs(predicted(fit, -1, 9) - 0.7) < 1e-5);
 }
 
 /* One number tells the correction, and hardly depends on the other that changes: a ridge of 0.3 leaves 1/1.3 of its
  * slope. */
 static void test_predicted_slope(void **state) {
   (void)state;
-  struct ern_pose_regression fit;
+  float fit[ERN_POSE_REGRESSION_ROWS * ERN_POSE_CORRECTION];
   for (int kind = 0; kind < 2; kind++) {
-    fit_to(&fit, kind == 0 ? of_angle : of_distance);
-    const double low = kind == 0 ? predicted(&fit, -0.1f, 3) : predicted(&fit, 0, 2.95f);
-    const double high = kind == 0 ? predicted(&fit, 0.1f, 3) : predicted(&fit, 0, 3.05f);
+    fit_to(fit, kind == 0 ? of_angle : of_distance);
+    const double low = kind == 0 ? predicted(fit, -0.1f, 3) : predicted(fit, 0, 2.95f);
+    const double high = kind == 0 ? predicted(fit, 0.1f, 3) : predicted(fit, 0, 3.05f);
     const double slope = (high - low) / (kind == 0 ? 4 * sin(0.1) : 0.1);
     if (!(fabs(slope - 1 / 1.3) < 0.02)) fail_msg("kind %d: a slope of %g, expected %g", kind, slope, 1 / 1.3);
   }
@@ -218,23 +218,23 @@ static void test_predicted_slope(void **state) {
 
 static void test_beyond_the_trained_poses(void **state) {
   (void)state;
-  struct ern_pose_regression fit;
-  fit_to(&fit, of_angle);
-  const double border = predicted(&fit, 0.2f, 3);
-  assert_true(fabs(predicted(&fit, 0.9f, 3) - border) < 0.01 * fabs(border));
+  float fit[ERN_POSE_REGRESSION_ROWS * ERN_POSE_CORRECTION];
+  fit_to(fit, of_angle);
+  const double border = predicted(fit, 0.2f, 3);
+  assert_true(fabs(predicted(fit, 0.9f, 3) - border) < 0.01 * fabs(border));
 }
 
 static void test_too_little_to_fit(void **state) {
   (void)state;
-  struct ern_pose_regression fit;
-  float pose[2 * 16], row[2 * ERN_POSE_NUMBERS] = {[1] = 0.5f, [ERN_POSE_NUMBERS + 1] = 0.5f};
+  float fit[ERN_POSE_REGRESSION_ROWS * ERN_POSE_CORRECTION];
+  float pose[2 * 16], row[2 * ERN_POSE_CORRECTION] = {[1] = 0.5f, [ERN_POSE_CORRECTION + 1] = 0.5f};
   pose_of(pose, 0.1f, 3);
   pose_of(pose + 16, 0.1f, 3);
-  ern_pose_regression_fit(&fit, pose, row, 0, 0.3);
-  assert_true(predicted(&fit, 0.3f, 3) == 0);
+  ern_pose_regression_fit(fit, ERN_POSE_CORRECTION, pose, row, 0, 0.3);
+  assert_true(predicted(fit, 0.3f, 3) == 0);
   for (size_t n = 1; n <= 2; n++) {
-    ern_pose_regression_fit(&fit, pose, row, n, 0.3);
-    assert_true(fabs(predicted(&fit, 0.3f, 4) - 0.5) < 1e-6);
+    ern_pose_regression_fit(fit, ERN_POSE_CORRECTION, pose, row, n, 0.3);
+    assert_true(fabs(predicted(fit, 0.3f, 4) - 0.5) < 1e-6);
   }
 }
 

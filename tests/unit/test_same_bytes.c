@@ -272,9 +272,10 @@ static void test_pose_mean(void **state) {
   support_ok(data.context, ern_trainer_poses_download(trainer->poses));
   for (size_t i = 3; i < MANY - 3; i++) {
     const float expected = 0.2f * (trainer->shared.views[i].pose[3] - mean) / degree;
-    double predicted[ERN_POSE_NUMBERS];
+    double predicted[ERN_POSE_CORRECTION];
     assert_true(fabsf(camera[3 * i] - expected) < 0.02f);
-    ern_pose_regression_predict(&trainer->shared.model->unseen, trainer->shared.views[i].pose, predicted);
+    ern_pose_regression_predict(trainer->shared.model->unseen[0], ERN_POSE_CORRECTION, trainer->shared.views[i].pose,
+                                predicted);
     /* a ridge of 0.3 leaves m/(m + 0.3) of the slope, where m of the six numbers say the same */
     if (fabsf(expected) > 0.1f)
       assert_true(predicted[0] / (double)expected > 0.6 && predicted[0] / (double)expected < 1.1);
@@ -294,8 +295,8 @@ static void test_poses_left_alone(void **state) {
   take_steps(trainer, 20);
   support_ok(data.context, ern_trainer_model(trainer, &model));
   for (size_t i = 0; i < 4; i++) {
-    double predicted[ERN_POSE_NUMBERS];
-    ern_pose_regression_predict(&model->unseen, trainer->shared.views[i].pose, predicted);
+    double predicted[ERN_POSE_CORRECTION];
+    ern_pose_regression_predict(model->unseen[0], ERN_POSE_CORRECTION, trainer->shared.views[i].pose, predicted);
     for (size_t k = 0; k < 3; k++)
       if (i == 0 || i == 3)
         assert_true(model->camera[3 * i + k] == (float)predicted[k] &&

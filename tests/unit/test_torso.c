@@ -4,6 +4,9 @@
  * resumed. */
 #include "../made_clip.h"
 #include "core/rng.h"
+#include "io/safetensors.h"
+#include "model/checkpoint.h"
+#include "model/model.h"
 #include "model/torso_ops.h"
 
 enum { GRID = ERN_TORSO_SIDE, CELLS = ERN_TORSO_CELLS };
@@ -31,21 +34,40 @@ static void test_coords(void **state) {
   assert_true(q[0] == 0 && q[1] == 0 && q[STRIDE] == -1 && q[STRIDE + 1] == 1);
 }
 
+/* The control points of an affine motion: by (a_0 r + a_1 c + a_2, a_3 r + a_4 c + a_5), coordinates up to `shrink`. */
+static void spread_affine(float motion[ERN_MOTION_VALUES], const float a[6], float shrink) {
+  for (int i = 0; i < ERN_MOTION_VALUES; i++) {
+    const int point = i % (ERN_MOTION_VALUES / 2), d = i / (ERN_MOTION_VALUES / 2);
+    const float row = shrink * (2 * (float)(point / ERN_MOTION_SIDE) / (ERN_MOTION_SIDE - 1) - 1);
+    const float column = shrink * (2 * (float)(point % ERN_MOTION_SIDE) / (ERN_MOTION_SIDE - 1) - 1);
+    motion[i] = a[3 * d] * row + a[3 * d + 1] * column + a[3 * d + 2];
+  }
+}
+
 /* Without motion a point keeps its bits; else it goes where the equation says. */
 static void test_move(void **state) {
   (void)state;
   enum { COUNT = 3, STRIDE = 4 };
-  static const float q[2 * STRIDE] = {-0.8f, 0.1f, 0.7f, 0, 0.3f, -0.6f, 0.8f, 0}, none[6] = {0};
-  static const float motion[6] = {0.5f, -0.25f, 0.125f, 1, 2, -3};
-  float moved[2 * STRIDE];
-  ern_torso_move_ref(moved, q, none, STRIDE, COUNT);
+  static const float q[2 * STRIDE] = {-0.8f, 0.1f, 0.7f, 0, 0.3f, -0.6f, 0.8f, 0}, none[ERN_MOTION_VALUES] = {0};
+  static const float affine[6] = {0.5f, -0.25f, 0.125f, 1, 2, -3}, beyond[2] = {-2, 7};
+  float motion[ERN_MOTION_VALUES], moved[2 * STRIDE], edge[2], one[ERN_MOTION_VALUES] = {0};
+  ern_torso_move_ref(moved, q, none, 0.8f, STRIDE, COUNT);
   for (int i = 0; i < COUNT; i++) assert_true(moved[i] == q[i] && moved[STRIDE + i] == q[STRIDE + i]);
-  ern_torso_move_ref(moved, q, motion, STRIDE, COUNT);
+  spread_affine(motion, affine, 0.8f);
+  ern_torso_move_ref(moved, q, motion, 0.8f, STRIDE, COUNT);
   for (int i = 0; i < COUNT; i++) {
     const double r = (double)q[i], c = (double)q[STRIDE + i];
     assert_true(fabs((double)moved[i] - (1.5 * r - 0.25 * c + 0.125)) < 1e-6);
     assert_true(fabs((double)moved[STRIDE + i] - (3 * c + r - 3)) < 1e-6);
   }
+  /* outside of the picture as at its edge: the last control point of the first row */
+  one[ERN_MOTION_SIDE - 1] = 0.25f;
+  ern_torso_move_ref(edge, beyond, one, 0.8f, 1, 1);
+  assert_true(edge[0] == -1.75f && edge[1] == 7);
+  /* half of a point's displacement half way to the next, and none at the next */
+  const float between[2] = {-0.8f, 0.8f - 0.8f / (ERN_MOTION_SIDE - 1)};
+  ern_torso_move_ref(edge, between, one, 0.8f, 1, 1);
+  assert_true(fabsf(edge[0] - (-0.8f + 0.125f)) < 1e-6f && edge[1] == between[1]);
 }
 
 /* Bilinear in double over the cells (r, c) at c*128 + r, the corners of the picture on the centres of the corner cells.
@@ -168,7 +190,7 @@ static ern_status moving_frame(void *user, int split, size_t index, ern_dataset_
   const size_t f = split == 0 ? index : FRAMES;
   const ern_status status = made_frame(user, split, 1, frame);
   frame->aud_id = (int64_t)f;
-  frame->torso_motion[2] = -lower[f] * 2 / (SIDE - 1);
+  spread_affine(frame->torso_motion, (float[6]){0, 0, -lower[f] * 2 / (SIDE - 1)}, 1);
   return status;
 }
 
@@ -253,7 +275,9 @@ static void test_learnt_long(void **state) {
   assert_true(info.has_torso_motion);
   ern_model_describe(without, &info);
   assert_false(info.has_torso_motion);
-  const float here[6] = {0, 0, -lower[FRAMES] * 2 / (SIDE - 1), 0, 0, 0}, far[6] = {0, 0, 3.0f / SIDE, 0, 0, 0};
+  float here[ERN_MOTION_VALUES], far[ERN_MOTION_VALUES];
+  spread_affine(here, (float[6]){0, 0, -lower[FRAMES] * 2 / (SIDE - 1)}, 1);
+  spread_affine(far, (float[6]){0, 0, 3.0f / SIDE}, 1);
   const double own = error_of(&m, with, here), elsewhere = error_of(&m, with, far), none = error_of(&m, without, here);
   if (!(own < 0.5 * none && own < 0.5 * elsewhere))
     fail_msg("errors: %.1f with motion, %.1f with that of another place, %.1f without", own, elsewhere, none);
@@ -265,7 +289,8 @@ static void test_learnt_long(void **state) {
 /* Motion that follows from the pose is predicted from the pose. */
 static ern_status turning_frame(void *user, int split, size_t index, ern_dataset_frame *frame) {
   const ern_status status = made_frame(user, split, index, frame);
-  for (int k = 0; k < 6; k++) frame->torso_motion[k] = 0.02f * (float)(k + 1) * ((float)index - 1.5f);
+  for (int k = 0; k < ERN_MOTION_VALUES; k++)
+    frame->torso_motion[k] = 0.02f * (float)(k % 7 - 3) * ((float)index - 1.5f);
   return status;
 }
 
@@ -290,7 +315,7 @@ static void draw(struct made *m, const ern_model *model, size_t frame, const flo
 static void test_predicted(void **state) {
   (void)state;
   static float recorded[SIDE * SIDE * 3], predicted[SIDE * SIDE * 3], still[SIDE * SIDE * 3];
-  static const float none[6] = {0};
+  static const float none[ERN_MOTION_VALUES] = {0};
   struct made m;
   ern_model *head = NULL, *portrait = NULL;
   moving_open(&m, &head);
@@ -316,6 +341,43 @@ static void test_predicted(void **state) {
   made_close(&m);
 }
 
+/* A file of before the control points has the regression of an affine motion. */
+static void test_affine_file(void **state) {
+  (void)state;
+  static float affine[ERN_POSE_REGRESSION_ROWS][6] = {[0] = {0.05f, -0.03f, 0.02f, 0.04f, -0.02f, 0.03f},
+                                                      [4] = {0.5f, 0.25f, -0.125f, 0, 1, 2},
+                                                      [7] = {-1, -2, -3, -4, -5, -6},
+                                                      [8] = {1, 2, 3, 4, 5, 6}};
+  float expected[ERN_MOTION_VALUES];
+  struct made m;
+  struct ern_tensor_file file = {0};
+  ern_model *head = NULL, *portrait = NULL;
+  moving_open(&m, &head);
+  clear_run("affine");
+  const ern_train_config config = torso_config(head, 2, "affine.safetensors");
+  support_ok(m.context, train(&m, &config, NULL));
+  support_ok(m.context, ern_checkpoint_read(m.context, "affine.safetensors", &file));
+  for (size_t i = 0; i < file.tensor_count; i++) {
+    struct ern_tensor *tensor = &file.tensors[i];
+    if (strcmp(tensor->name, "torso_motion_unseen") != 0) continue;
+    assert_int_equal(tensor->shape[1], ERN_MOTION_VALUES);
+    tensor->shape[1] = 6, tensor->count = ERN_POSE_REGRESSION_ROWS * 6, tensor->data = affine;
+  }
+  const struct ern_metadata metadata[] = {{"format", "ernerf"}, {"ernerf", ern_tensor_file_metadata(&file, "ernerf")}};
+  support_ok(m.context, ern_safetensors_write(m.context, "affine.safetensors", file.tensors, file.tensor_count,
+                                              metadata, 2, ERN_EXISTING_REPLACE));
+  ern_tensor_file_free(m.context, &file);
+  support_ok(m.context, ern_model_load(&portrait, m.context, "affine.safetensors"));
+  for (int row = 0; row <= ERN_POSE_NUMBERS; row++) {
+    spread_affine(expected, affine[row], 1);
+    for (int i = 0; i < ERN_MOTION_VALUES; i++) assert_true(fabsf(portrait->motion[row][i] - expected[i]) < 1e-6f);
+  }
+  for (int row = ERN_POSE_NUMBERS + 1; row < ERN_POSE_REGRESSION_ROWS; row++)
+    assert_memory_equal(portrait->motion[row], affine[row], sizeof affine[row]);
+  ern_model_free(&head), ern_model_free(&portrait);
+  made_close(&m);
+}
+
 /* A resumed torso goes on as it began, with motion or without, and with motion not on a clip that has lost it. */
 static void test_resumed(void **state) {
   (void)state;
@@ -336,7 +398,7 @@ static void test_resumed(void **state) {
   ern_trainer_free(&trainer);
   config.resume = true;
   m.data.has_torso_motion = false;
-  support_expect(m.context, train(&m, &config, NULL), ERN_E_MISMATCH, "resumed.run/state.safetensors", "torso.csv",
+  support_expect(m.context, train(&m, &config, NULL), ERN_E_MISMATCH, "resumed.run/state.safetensors", "torso.npy",
                  NULL);
   m.data.has_torso_motion = true;
   config.torso_motion = false; /* not asked of a torso that goes on */
@@ -384,8 +446,8 @@ int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(test_coords),      cmocka_unit_test(test_move),      cmocka_unit_test(test_select),
       cmocka_unit_test(test_points),      cmocka_unit_test(test_update),    cmocka_unit_test(test_pose),
-      cmocka_unit_test(test_learnt_long), cmocka_unit_test(test_predicted), cmocka_unit_test(test_resumed),
-      cmocka_unit_test(test_refused),
+      cmocka_unit_test(test_learnt_long), cmocka_unit_test(test_predicted), cmocka_unit_test(test_affine_file),
+      cmocka_unit_test(test_resumed),     cmocka_unit_test(test_refused),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

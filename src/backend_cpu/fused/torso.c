@@ -261,12 +261,13 @@ static ern_status render_torso(struct ern_stream *stream, struct ern_render_tors
   struct ern_torso_frame frame = {.width = a->width,
                                   .height = a->height,
                                   .levels = a->field->torso_grid.levels,
+                                  .motion = a->motion,
+                                  .control = (ERN_MOTION_SIDE - 1) / 2.0f / a->shrink,
                                   .occupancy = reals(a->grid),
                                   .threshold = a->threshold,
                                   .pixel = reals(a->pixel.span),
                                   .stride = a->pixel.stride,
                                   .opacity = reals(a->opacity)};
-  memcpy(frame.motion, a->motion, sizeof frame.motion);
   ern_status status = ERN_OK;
   if (!fits(a->field) || !fill_levels(&frame, &a->field->torso_grid, reals(a->parameters) + a->field->torso_table))
     return ern_render_torso_stages(stream, a);

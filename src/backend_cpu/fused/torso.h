@@ -46,7 +46,8 @@ struct ern_torso_levels {
 
 struct ern_torso_frame {
   int width, height, levels;
-  float motion[6]; /* of torso_move */
+  const float *motion; /* [ERN_MOTION_VALUES] of torso_move */
+  float control;       /* columns of control points from one coordinate to that of 1 more */
   struct ern_torso_axis row, column;
   struct ern_torso_level level[ERN_GRID_MAX_LEVELS];
   struct ern_torso_levels abreast;

@@ -118,15 +118,36 @@ static void first_layers(struct tile *tile, const struct ern_torso_frame *frame,
   }
 }
 
+/* moved = q' of ern_torso_move, where q has row and column. */
+LANES_INLINE void move_with_body(vf moved[2], const struct ern_torso_frame *frame, const vf q[2]) {
+  enum { SIDE = ERN_MOTION_SIDE };
+  vu cell[2];
+  vf toward[2];
+  for (size_t d = 0; d < 2; d++) {
+    const vf at = vf_clamp(q[d] * frame->control + (SIDE - 1) / 2.0f, 0, SIDE - 1);
+    const vi whole = __builtin_convertvector(at, vi), last = whole > SIDE - 2;
+    cell[d] = (vu)(whole + last);
+    toward[d] = at - __builtin_convertvector((vi)cell[d], vf);
+  }
+  for (uint32_t d = 0; d < 2; d++) {
+    const vu at = cell[0] * SIDE + cell[1] + d * SIDE * SIDE;
+    vf side[2]; /* in the upper and the lower row of control points */
+    for (uint32_t s = 0; s < 2; s++)
+      side[s] = (1 - toward[1]) * vf_gather(frame->motion, at + s * SIDE) +
+                toward[1] * vf_gather(frame->motion, at + s * SIDE + 1);
+    moved[d] = q[d] + ((1 - toward[0]) * side[0] + toward[0] * side[1]);
+  }
+}
+
 /* u = (clamp(q' + d, -1, 1) + 1)/2, q' being q moved with the body; 0 for NaN. */
 static void positions(struct tile *tile, const struct ern_torso_frame *frame, const struct rows *rows) {
   for (size_t b = 0; b < BLOCKS; b++) {
     const vf q[2] = {rows->q[tile->block[b].band], vf_all_quad(frame->column.q + tile->block[b].column)};
     vi outside = {0};
+    vf moved[2];
+    move_with_body(moved, frame, q);
     for (size_t d = 0; d < 2; d++) {
-      const float *m = frame->motion + 3 * d;
-      const vf moved = q[d] + (m[0] * q[0] + m[1] * q[1] + m[2]);
-      const vf x = vf_clamp(moved + vf_load(tile->out + d * TILE + b * LANES), -1, 1);
+      const vf x = vf_clamp(moved[d] + vf_load(tile->out + d * TILE + b * LANES), -1, 1);
       outside |= x != x;
       tile->u[d][b] = vf_select(x != x, (vf){0}, (x + 1) * 0.5f);
     }

@@ -14,6 +14,7 @@
 #define ENCODED (1 + 2 * OCTAVES) /* values of one coordinate: itself, then sine and cosine by octave */
 #define Q_ROWS (2 * ENCODED)
 #define CELLS 128
+#define CONTROL 16 /* rows and columns of control points */
 #define INTW(x) JOINW(convert_int)(x)
 #define PATCH (WIDTH == 1 ? 1 : 32) /* rows of a patch, which is WIDTH pixels wide */
 
@@ -22,7 +23,6 @@ struct torso_frame {
   int width, height;
   float threshold, shrink;
   uint across, patches; /* patches in a row of them, and in all */
-  float motion[6];      /* of torso_move */
 };
 
 struct torso_level { /* entry (row, column) = (row + column*step) & mask, of two values each */
@@ -165,19 +165,39 @@ INLINE void begin(local floatw *tile, const struct segment segment[VECTORS], glo
   }
 }
 
+/* moved = q' of torso_move, where q has row and column. motion [2][CONTROL][CONTROL] */
+INLINE void move_with_body(floatw moved[2], const floatw q[2], global const float *motion, float shrink) {
+#pragma OPENCL FP_CONTRACT OFF
+  floatw toward[2];
+  intw cell[2];
+  _Pragma("unroll") for (int d = 0; d < 2; d++) {
+    const floatw at = clamp(q[d] * ((CONTROL - 1) / 2.0f / shrink) + (CONTROL - 1) / 2.0f, 0.0f, (float)(CONTROL - 1));
+    cell[d] = min(INTW(at), CONTROL - 2);
+    toward[d] = at - REAL(cell[d]);
+  }
+  _Pragma("unroll") for (int d = 0; d < 2; d++) {
+    const intw at = cell[0] * CONTROL + cell[1] + d * CONTROL * CONTROL, next = at + 1;
+    const intw below = at + CONTROL, below_next = below + 1;
+    const floatw upper = (1 - toward[1]) * GATHER(floatw, motion, at) + toward[1] * GATHER(floatw, motion, next);
+    const floatw lower = (1 - toward[1]) * GATHER(floatw, motion, below) + toward[1] * GATHER(floatw, motion, below_next);
+    moved[d] = q[d] + ((1 - toward[0]) * upper + toward[0] * lower);
+  }
+}
+
 /* u = (clamp(q' + d, -1, 1) + 1)/2, q' being q moved with the body and d the deformation; 0 where that is NaN. */
 INLINE void place(floatw u[2][VECTORS], intw outside[VECTORS], floatw moved_by[2][VECTORS],
-                  const struct segment segment[VECTORS], const struct torso_frame *f) {
+                  const struct segment segment[VECTORS], global const float *motion, const struct torso_frame *f) {
 #pragma OPENCL FP_CONTRACT OFF
   EACH_VECTOR {
     const intw i = segment[v].column + INTW(lane_numbers());
     const floatw q[2] = {
         (floatw)(f->shrink * COORDINATE(float, (float)(2 * segment[v].row - (f->height - 1)), f->height)),
         f->shrink * COORDINATE(floatw, REAL(2 * i - (f->width - 1)), f->width)};
+    floatw own[2];
+    move_with_body(own, q, motion, f->shrink);
     outside[v] = (intw)(0);
     _Pragma("unroll") for (int d = 0; d < 2; d++) {
-      const floatw own = q[d] + (f->motion[3 * d] * q[0] + f->motion[3 * d + 1] * q[1] + f->motion[3 * d + 2]);
-      const floatw moved = own + moved_by[d][v];
+      const floatw moved = own[d] + moved_by[d][v];
       const floatw x = select(select(moved, (floatw)(1), moved > 1), (floatw)(-1), moved < -1);
       outside[v] |= x != x;
       u[d][v] = select((x + 1) * 0.5f, (floatw)(0), x != x);
@@ -188,7 +208,8 @@ INLINE void place(floatw u[2][VECTORS], intw outside[VECTORS], floatw moved_by[2
 /* alpha, rgb of a tile's pixels. */
 INLINE void evaluate(floatw layer[4][VECTORS], local floatw *tile, const struct segment segment[VECTORS],
                      const struct torso_frame *f, global const float *rows, global const float *columns, uint padded,
-                     global const float *net, global const struct torso_level *level, global const float *table) {
+                     global const float *net, global const struct torso_level *level, global const float *table,
+                     global const float *motion) {
   local floatw *second = tile + AT(ROW_SECOND, 0);
   floatw u[2][VECTORS], moved_by[2][VECTORS];
   intw outside[VECTORS];
@@ -196,7 +217,7 @@ INLINE void evaluate(floatw layer[4][VECTORS], local floatw *tile, const struct 
   deform_layer(second, 0, 0, net + AT_DEFORM1, tile);
   EACH_ROW(2) EACH_VECTOR moved_by[r][v] = 0;
   product_two(moved_by, net + AT_DEFORM2, second, HIDDEN);
-  place(u, outside, moved_by, segment, f);
+  place(u, outside, moved_by, segment, motion, f);
   encode(tile, u, outside, level, table);
   grid_layer(second, 0, tile + AT(ROW_BEGIN, 0), net + AT_LAYER0, tile);
   hidden_layer(tile, 0, 0, net + AT_LAYER1, second);
@@ -224,11 +245,12 @@ INLINE void composite(global float *pixel, ulong stride, global float *opacity, 
 kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void
 render_torso(ROWS(float, pixel), SPAN(float, opacity), SPAN(const float, grid), SPAN(const float, rows),
              SPAN(const float, columns), uint padded, SPAN(const float, net), SPAN(const uchar, levels),
-             SPAN(const float, table), SPAN(int, counter), const struct torso_frame frame) {
+             SPAN(const float, table), SPAN(const float, motion), SPAN(int, counter), const struct torso_frame frame) {
   local floatw tiles[TILE_ROWS * TILE];
   local floatw *tile = tiles + get_local_id(0);
   OPEN(float, pixel);
   OPEN(float, opacity);
+  OPEN(const float, motion);
   OPEN(const float, grid);
   OPEN(const float, rows);
   OPEN(const float, columns);
@@ -258,7 +280,7 @@ render_torso(ROWS(float, pixel), SPAN(float, opacity), SPAN(const float, grid), 
     if (count == 0) break;
     for (int v = count; v < VECTORS; v++) segment[v] = segment[0];
     evaluate(layer, tile, segment, &frame, rows, columns, padded, net, (global const struct torso_level *)levels,
-             table);
+             table, motion);
     for (int v = 0; v < count; v++) composite(pixel, pixel_stride, opacity, layer, &segment[v], v, &frame);
   }
 }

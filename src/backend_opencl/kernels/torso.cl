@@ -138,20 +138,29 @@ kernel void torso_gather(SPAN(int, index), SPAN(int, selected), SPAN(const int, 
 
 /* ---- deformation ---- */
 
-struct motion { /* the same struct as in torso.c */
-  float m[6];
-};
+enum { CONTROL = 16 }; /* rows and columns of control points */
 
-/* q'_r = q_r + (m_{3r} q_0 + m_{3r+1} q_1 + m_{3r+2}) */
-kernel void torso_move(ROWS(float, moved), ROWS(const float, q), const struct motion motion, ulong n) {
+/* q'_r = q_r + m_r, bilinear (torso_ref.c). motion [2][CONTROL][CONTROL]; scale: control points to a coordinate of 1 */
+kernel void torso_move(ROWS(float, moved), ROWS(const float, q), SPAN(const float, motion), float scale, ulong n) {
 #pragma OPENCL FP_CONTRACT OFF
   OPEN(float, moved);
   OPEN(const float, q);
+  OPEN(const float, motion);
   const ulong i = get_global_id(0);
+  float toward[2];
+  int cell[2];
   if (i >= n) return;
-  for (int r = 0; r < 2; r++)
-    moved[r * moved_stride + i] = q[r * q_stride + i] + (motion.m[3 * r] * q[i] + motion.m[3 * r + 1] * q[q_stride + i] +
-                                                         motion.m[3 * r + 2]);
+  for (int d = 0; d < 2; d++) {
+    const float at = clamp(q[d * q_stride + i] * scale + (CONTROL - 1) / 2.0f, 0.0f, (float)(CONTROL - 1));
+    cell[d] = min((int)at, CONTROL - 2);
+    toward[d] = at - (float)cell[d];
+  }
+  for (int d = 0; d < 2; d++) {
+    global const float *m = motion + (d * CONTROL + cell[0]) * CONTROL + cell[1];
+    const float upper = (1 - toward[1]) * m[0] + toward[1] * m[1];
+    const float lower = (1 - toward[1]) * m[CONTROL] + toward[1] * m[CONTROL + 1];
+    moved[d * moved_stride + i] = q[d * q_stride + i] + ((1 - toward[0]) * upper + toward[0] * lower);
+  }
 }
 
 /* x = clamp(q + d, -1, 1), two rows; NaN stays */

@@ -178,7 +178,8 @@ fail:
 
 /* Reads a frame's data without its pixels. It reads the headers of the pictures, so that a bad file is reported now and
  * not hours later. */
-static ern_status open_frame(ern_clip *clip, ern_clip_frame *frame, const float *blink, const float (*motion)[6]) {
+static ern_status open_frame(ern_clip *clip, ern_clip_frame *frame, const float *blink,
+                             const float (*motion)[ERN_MOTION_VALUES]) {
   ern_status status = ERN_OK;
   char *path = NULL;
   if (blink != NULL) {
@@ -205,7 +206,7 @@ fail:
 }
 
 static ern_status open_split(ern_clip *clip, ern_split split, const ern_pose_list *list, const float *blink,
-                             const float (*motion)[6]) {
+                             const float (*motion)[ERN_MOTION_VALUES]) {
   ern_status status = ERN_OK;
   ERN_TRY(ERN_NEW(clip->context, list->count, &clip->frames[split]));
   ERN_TRY(ERN_NEW(clip->context, list->count, &clip->truth.kept[split]));
@@ -262,7 +263,7 @@ static ern_status open_parts(ern_clip *clip, const ern_clip_options *options) {
   ern_status status = ERN_OK;
   ern_context *context = clip->context;
   ern_pose_list lists[2] = {0};
-  float *blink = NULL, (*motion)[6] = NULL;
+  float *blink = NULL, (*motion)[ERN_MOTION_VALUES] = NULL;
   size_t blink_count = 0;
   int64_t img_id = 0, aud_id = 0;
   char identity[65] = "";
@@ -291,8 +292,8 @@ static ern_status open_parts(ern_clip *clip, const ern_clip_options *options) {
   clip->info.has_torso_motion = motion != NULL;
   ERN_TRY(find_optional(clip));
   clip->hash = 0xcbf29ce484222325;
-  ERN_TRY(open_split(clip, ERN_SPLIT_TRAIN, &lists[ERN_SPLIT_TRAIN], blink, (const float(*)[6])motion));
-  ERN_TRY(open_split(clip, ERN_SPLIT_VAL, &lists[ERN_SPLIT_VAL], blink, (const float(*)[6])motion));
+  ERN_TRY(open_split(clip, ERN_SPLIT_TRAIN, &lists[ERN_SPLIT_TRAIN], blink, (const float(*)[ERN_MOTION_VALUES])motion));
+  ERN_TRY(open_split(clip, ERN_SPLIT_VAL, &lists[ERN_SPLIT_VAL], blink, (const float(*)[ERN_MOTION_VALUES])motion));
   snprintf(clip->fingerprint, sizeof clip->fingerprint, "%016" PRIx64, clip->hash);
 fail:
   ern_release(context, blink);

@@ -73,10 +73,10 @@ const char *ern_clip_features_kind(const char *name, const char *asr_model, cons
 ERN_NODISCARD ern_status ern_clip_blink(ern_context *context, const char *folder, int64_t largest_img_id, float **blink,
                                         size_t *count);
 
-/* *motion [rows][6], of torso.csv, owned by the caller, with a row for every img_id up to the largest; NULL where there
- * is no torso.csv. */
+/* *motion [rows][ERN_MOTION_VALUES], of torso.npy, owned by the caller, with a row for every img_id up to the largest;
+ * NULL where there is no torso.npy. */
 ERN_NODISCARD ern_status ern_clip_motion(ern_context *context, const char *folder, int64_t largest_img_id,
-                                         float (**motion)[6]);
+                                         float (**motion)[ERN_MOTION_VALUES]);
 
 /* RMS deviation of the features from their mean over the windows, over their RMS. */
 ERN_NODISCARD ern_status ern_clip_feature_change(ern_context *context, const ern_features *features, double *relative);

@@ -338,16 +338,16 @@ static void check_blink(struct report *report) {
 
 static void check_motion(struct report *report) {
   int64_t img_id = 0, aud_id = 0;
-  float(*motion)[6] = NULL;
+  float(*motion)[ERN_MOTION_VALUES] = NULL;
   ern_clip_largest_ids(report->lists, &img_id, &aud_id);
   const ern_status status = ern_clip_motion(report->context, report->folder, img_id, &motion);
   if (status != ERN_OK)
     say_wrong(report, status, "`ernerf prepare` makes it from the video.");
   else if (motion != NULL)
-    add_line(report, THERE, "torso.csv: where the body is in each frame; the torso moves with it.");
+    add_line(report, THERE, "torso.npy: where the body is in each frame; the torso moves with it.");
   else if (report->torso)
     add_line(report, OPTIONAL,
-             "torso.csv: missing. The torso follows the head's pose alone, and is soft where the body moves by itself; "
+             "torso.npy: missing. The torso follows the head's pose alone, and is soft where the body moves by itself; "
              "`ernerf prepare` makes it from the video.");
   ern_release(report->context, motion);
 }

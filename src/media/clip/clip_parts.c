@@ -10,6 +10,7 @@
 #include "io/csv.h"
 #include "io/file.h"
 #include "io/json.h"
+#include "io/npy.h"
 #include "media/clip/clip.h"
 
 /* Extensions looked for, in order. */
@@ -268,38 +269,35 @@ fail:
   return status;
 }
 
-ern_status ern_clip_motion(ern_context *context, const char *folder, int64_t largest_img_id, float (**motion)[6]) {
-  enum { NUMBERS = 6 };
-  static const char *const names[NUMBERS] = {"row_row", "row_column", "row", "column_row", "column_column", "column"};
+ern_status ern_clip_motion(ern_context *context, const char *folder, int64_t largest_img_id,
+                           float (**motion)[ERN_MOTION_VALUES]) {
+  enum { SIDE = ERN_MOTION_SIDE };
   static const float most = 1e3f;
   ern_status status = ERN_OK;
   char *path = NULL;
-  float *column[NUMBERS] = {NULL};
-  size_t count = 0;
+  struct ern_npy array = {0};
   bool there = false;
   *motion = NULL;
   ERN_TRY(ern_clip_has(context, folder, ERN_CLIP_MOTION, &there));
   if (!there) return ERN_OK;
   ERN_TRY(ern_clip_path(context, folder, ERN_CLIP_MOTION, &path));
-  ERN_TRY(ern_csv_read_columns(context, path, names, NUMBERS, column, &count));
-  if ((uint64_t)largest_img_id >= count)
+  ERN_TRY(ern_npy_read(context, path, &array));
+  if (array.type != ERN_NPY_F32 || array.dims != 4 || array.shape[1] != 2 || array.shape[2] != SIDE ||
+      array.shape[3] != SIDE)
+    ERN_TRY(ern_fail(context, ERN_E_SHAPE, "%s: expected float32 [frames][2][%d][%d]", path, SIDE, SIDE));
+  if ((uint64_t)largest_img_id >= array.shape[0])
     ERN_TRY(ern_fail(context, ERN_E_SHAPE,
-                     "%s: has %zu rows, expected at least %" PRId64 ": the largest img_id is %" PRId64, path, count,
-                     largest_img_id + 1, largest_img_id));
-  ERN_TRY(ERN_NEW(context, count, motion));
-  for (size_t i = 0; i < count; i++)
-    for (int k = 0; k < NUMBERS; k++) {
-      if (!(fabsf(column[k][i]) <= most))
-        ERN_TRY(ern_fail(context, ERN_E_FORMAT, "%s: row %zu, column %s is %g, expected -1000 to 1000", path, i,
-                         names[k], (double)column[k][i]));
-      (*motion)[i][k] = column[k][i];
-    }
+                     "%s: has %zu frames, expected at least %" PRId64 ": the largest img_id is %" PRId64, path,
+                     array.shape[0], largest_img_id + 1, largest_img_id));
+  const float *value = array.data;
+  for (size_t i = 0; i < array.count; i++)
+    if (!(fabsf(value[i]) <= most))
+      ERN_TRY(ern_fail(context, ERN_E_FORMAT, "%s: frame %zu, value %zu is %g, expected -1000 to 1000", path,
+                       i / ERN_MOTION_VALUES, i % ERN_MOTION_VALUES, (double)value[i]));
+  *motion = array.data;
+  array.data = NULL;
 fail:
   ern_release(context, path);
-  for (int k = 0; k < NUMBERS; k++) ern_release(context, column[k]);
-  if (status != ERN_OK) {
-    ern_release(context, *motion);
-    *motion = NULL;
-  }
+  ern_npy_free(context, &array);
   return status;
 }

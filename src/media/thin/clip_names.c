@@ -18,7 +18,7 @@ static const char *const contents[] = {[ERN_PART_TRUTH] = "gt_imgs",
                                        [ERN_CLIP_FEATURES] = "aud.npy",
                                        [ERN_CLIP_CEPSTRA] = "aud_cep.npy",
                                        [ERN_CLIP_ARTICULATORY] = "aud_art.npy",
-                                       [ERN_CLIP_MOTION] = "torso.csv"};
+                                       [ERN_CLIP_MOTION] = "torso.npy"};
 
 const char *ern_clip_content(size_t index) {
   return index < sizeof contents / sizeof *contents ? contents[index] : NULL;

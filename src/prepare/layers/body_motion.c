@@ -1,19 +1,18 @@
 /* SPDX-License-Identifier: MIT
- * Writes torso.csv: where the body is in each frame, after the pictures of the step "layers" (docs/formats.md). */
+ * Writes torso.npy: where the body is in each frame, after the pictures of the step "layers" (docs/formats.md). */
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
 
-#include "core/format.h"
-#include "io/file.h"
+#include "io/npy.h"
 #include "prepare/layers/layers.h"
 
 enum { MEAN_OF = 60 }; /* frames of the mean picture that all frames are compared with */
 
 struct body {
   struct ern_prepare_job *job;
-  ern_image torso, parts; /* of one frame */
-  float (*motion)[6];     /* [job->frames] */
+  ern_image torso, parts;             /* of one frame */
+  float (*motion)[ERN_MOTION_VALUES]; /* [job->frames] */
 };
 
 /* The frame's torso picture, and its parts, of enum ern_layer_part. */
@@ -53,29 +52,31 @@ static size_t middle_frame(const struct ern_layer_face *faces, size_t count) {
 }
 
 static ern_status write_motion(struct body *b) {
-  static const char head[] = "frame,row_row,row_column,row,column_row,column_column,column\n";
   struct ern_prepare_job *job = b->job;
-  char path[ERN_PREPARE_PATH], line[160];
+  char path[ERN_PREPARE_PATH];
+  const ern_status status = ern_prepare_register_output(job, "torso.npy", path);
+  if (status != ERN_OK) return status;
+  return ern_npy_write_f32(job->context, path, b->motion[0], 4,
+                           (size_t[]){job->frames, 2, ERN_MOTION_SIDE, ERN_MOTION_SIDE});
+}
+
+/* The reference becomes the mean picture of frames that were moved onto it, twice, as the first one moves them ill. */
+static ern_status mean_reference(struct body *b, struct ern_body_reference *reference) {
+  const size_t frames = b->job->frames, count = frames < MEAN_OF ? frames : MEAN_OF;
   ern_status status = ERN_OK;
-  struct ern_file_writer file = {0};
-  ERN_TRY(ern_prepare_register_output(job, "torso.csv", path));
-  ERN_TRY(ern_file_writer_open(job->context, path, ERN_EXISTING_REPLACE, &file));
-  ERN_TRY(ern_file_writer_write(&file, head, strlen(head)));
-  for (size_t f = 0; f < job->frames; f++) {
-    const float *m = b->motion[f];
-    const int length = ern_format(line, sizeof line, "%zu,%.6f,%.6f,%.6f,%.6f,%.6f,%.6f\n", f, (double)m[0],
-                                  (double)m[1], (double)m[2], (double)m[3], (double)m[4], (double)m[5]);
-    ERN_TRY(ern_file_writer_write(&file, line, (size_t)length));
+  for (int round = 0; round < 2; round++) {
+    for (size_t i = 0; i < count; i++) {
+      ERN_TRY(read_body(b, count > 1 ? i * (frames - 1) / (count - 1) : 0));
+      ERN_TRY(ern_body_reference_add(reference, b->torso.data, b->parts.data));
+    }
+    ERN_TRY(ern_body_reference_mean(reference));
   }
-  return ern_file_writer_commit(&file);
 fail:
-  ern_file_writer_abandon(&file);
   return status;
 }
 
 ern_status ern_prepare_body_motion(struct ern_prepare_job *job, const struct ern_layer_face *faces,
                                    const uint8_t *background, size_t done, size_t total) {
-  const size_t count = job->frames < MEAN_OF ? job->frames : MEAN_OF;
   struct body b = {.job = job};
   struct ern_body_reference *reference = NULL;
   size_t known = 0;
@@ -83,11 +84,7 @@ ern_status ern_prepare_body_motion(struct ern_prepare_job *job, const struct ern
   ERN_TRY(ERN_NEW(job->context, job->frames, &b.motion));
   ERN_TRY(read_body(&b, middle_frame(faces, job->frames)));
   ERN_TRY(ern_body_reference_make(job->context, job->side, background, b.torso.data, b.parts.data, &reference));
-  for (size_t i = 0; i < count; i++) {
-    ERN_TRY(read_body(&b, count > 1 ? i * (job->frames - 1) / (count - 1) : 0));
-    ERN_TRY(ern_body_reference_add(reference, b.torso.data, b.parts.data));
-  }
-  ERN_TRY(ern_body_reference_mean(reference));
+  ERN_TRY(mean_reference(&b, reference));
   for (size_t f = 0; f < job->frames; f++) {
     bool found = false;
     ERN_TRY(read_body(&b, f));

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * How the body moves: an affine transform of each frame onto a reference, fitted to dense optical flow in the pixels of
- * neck and torso. */
+ * How the body moves: a free-form deformation (Sederberg and Parry, 1986; here bilinear) of each frame onto a
+ * reference, fitted to dense optical flow in the pixels of neck and torso. */
 #include <algorithm>
 #include <cmath>
 #include <memory>
@@ -14,6 +14,7 @@ struct ern_body_reference {
   cv::Mat place;         /* the background, CV_32FC3 [work][work] */
   cv::Mat grey, picture; /* of the reference: CV_8U; CV_32FC3 */
   cv::Mat sum, weight;   /* of the frames that are added, on the reference: CV_32FC3, CV_32F */
+  cv::Mat stiffness;     /* of the deformation, CV_64F [points][points] */
   cv::Ptr<cv::DISOpticalFlow> flow;
 };
 
@@ -22,8 +23,10 @@ namespace {
 constexpr int most_work = 256; /* pixels a side of the pictures that are compared: more is slower and hardly better */
 constexpr double texture = 9;  /* squared grey levels a pixel at which a pixel has half of the weight */
 constexpr double residual = 1; /* pixels of work at which a pixel has half of the weight */
-constexpr int rounds = 10;     /* of the reweighted fit */
-constexpr double prior = 1;    /* weight of a slope of one pixel of work over half a side, in pixels */
+constexpr int rounds = 3;      /* of the reweighted fit */
+constexpr int side = ERN_MOTION_SIDE, points = side * side; /* control points */
+constexpr double bending = 3, stretching = 0.01; /* weights of second and first differences of control points, in
+                                                    pixels with full weight */
 constexpr int least_pixels = 200;
 constexpr float least_frames = 3; /* that show a pixel of the mean picture */
 
@@ -70,60 +73,96 @@ cv::Mat texture_of(const cv::Mat &grey) {
   return energy / (energy + texture);
 }
 
-/* Half-side coordinate of a pixel of work, -1..1, and its inverse. */
-double place_of(int pixel, int work) { return (2.0 * pixel + 1) / work - 1; }
+/* The control points round a pixel of work: number of the first, and weights of it, of the next in its row, and of the
+ * two below. */
+struct Cell {
+  int first;
+  double weight[4];
+};
+constexpr int corner[4] = {0, 1, side, side + 1};
 
-/* motion (ern_frame_input.torso_motion) of the least squares of flow - motion, reweighted; false: too few pixels. */
-bool fit(const cv::Mat &flow, const cv::Mat &mask, const cv::Mat &texture_weight, float motion[6]) {
+Cell cell_of(int y, int x, int work) {
+  const double row = (y + 0.5) / work * (side - 1), column = (x + 0.5) / work * (side - 1);
+  const int r = std::min(int(row), side - 2), c = std::min(int(column), side - 2);
+  const double down = row - r, right = column - c;
+  return {r * side + c, {(1 - down) * (1 - right), (1 - down) * right, down * (1 - right), down * right}};
+}
+
+cv::Vec2d moved_by(const cv::Mat &control, const Cell &cell) {
+  cv::Vec2d sum(0, 0);
+  for (int k = 0; k < 4; k++) sum += cell.weight[k] * control.at<cv::Vec2d>(cell.first + corner[k]);
+  return sum;
+}
+
+/* The sum of (weight d)^2 over all differences d of control points, in rows and in columns, as a quadratic form. */
+cv::Mat stiffness() {
+  cv::Mat form = cv::Mat::zeros(points, points, CV_64F);
+  const auto add = [&form](double weight, std::initializer_list<std::pair<int, double>> difference) {
+    for (const auto &a : difference)
+      for (const auto &b : difference) form.at<double>(a.first, b.first) += weight * a.second * b.second;
+  };
+  for (int p = 0; p < points; p++)
+    for (const int step : {1, side}) {
+      const int at = step == 1 ? p % side : p / side;
+      if (at + 1 < side) add(stretching, {{p, 1}, {p + step, -1}});
+      if (at + 2 < side) add(bending, {{p, 1}, {p + step, -2}, {p + 2 * step, 1}});
+    }
+  return form;
+}
+
+/* control, CV_64FC2 [points], pixels of work down and right, of the reweighted least squares of flow - moved_by; false:
+ * too few pixels. */
+bool fit(const ern_body_reference &r, const cv::Mat &flow, const cv::Mat &mask, const cv::Mat &texture_weight,
+         cv::Mat &control) {
   struct Sample {
-    cv::Vec3d at; /* row, column, 1 */
-    cv::Vec2d by; /* pixels of work: down, right */
+    Cell cell;
+    cv::Vec2d by;
     double weight;
   };
-  const int work = mask.rows;
   std::vector<Sample> samples;
-  for (int y = 0; y < work; y++)
-    for (int x = 0; x < work; x++) {
+  for (int y = 0; y < r.work; y++)
+    for (int x = 0; x < r.work; x++) {
       if (mask.at<uchar>(y, x) == 0) continue;
       const cv::Vec2f f = flow.at<cv::Vec2f>(y, x);
-      samples.push_back({{place_of(y, work), place_of(x, work), 1}, {f[1], f[0]}, texture_weight.at<float>(y, x)});
+      samples.push_back({cell_of(y, x, r.work), {f[1], f[0]}, texture_weight.at<float>(y, x)});
     }
   if (samples.size() < size_t(least_pixels)) return false;
-  cv::Matx<double, 3, 2> slopes = cv::Matx<double, 3, 2>::zeros();
   for (int round = 0; round < rounds; round++) {
-    cv::Matx33d normal(prior, 0, 0, 0, prior, 0, 0, 0, 1e-6);
-    cv::Matx<double, 3, 2> right = cv::Matx<double, 3, 2>::zeros();
+    cv::Mat normal = r.stiffness.clone(), right = cv::Mat::zeros(points, 2, CV_64F), solved;
+    for (int p = 0; p < points; p++) normal.at<double>(p, p) += 1e-6;
     for (const Sample &s : samples) {
-      const cv::Vec2d left = s.by - slopes.t() * s.at;
-      const double weight = round == 0 ? s.weight : s.weight / (1 + left.dot(left) / (residual * residual));
-      normal += weight * (s.at * s.at.t());
-      right += weight * (s.at * s.by.t());
+      const cv::Vec2d left = round == 0 ? cv::Vec2d(0, 0) : s.by - moved_by(control, s.cell);
+      const double weight = s.weight / (1 + left.dot(left) / (residual * residual));
+      for (int a = 0; a < 4; a++) {
+        const double share = weight * s.cell.weight[a];
+        double *row = normal.ptr<double>(s.cell.first + corner[a]) + s.cell.first;
+        for (int b = 0; b < 4; b++) row[corner[b]] += share * s.cell.weight[b];
+        right.at<cv::Vec2d>(s.cell.first + corner[a]) += share * s.by;
+      }
     }
-    if (!cv::solve(normal, right, slopes, cv::DECOMP_CHOLESKY)) return false;
+    if (!cv::solve(normal, right, solved, cv::DECOMP_CHOLESKY)) return false;
+    control = solved.reshape(2);
   }
-  for (int i = 0; i < 6; i++) motion[i] = float(slopes(i % 3, i / 3) * 2 / work);
-  return std::all_of(motion, motion + 6, [](float m) { return std::isfinite(m) && std::fabs(m) < 2; });
+  return true;
 }
 
-/* Pixels of work of the frame, as a map for cv::remap, for each pixel of the reference. */
-cv::Mat back_map(const float motion[6], int work) {
-  const cv::Matx22d linear(1 + double(motion[0]), motion[1], motion[3], 1 + double(motion[4]));
-  const cv::Matx22d inverse = linear.inv();
-  cv::Mat map(work, work, CV_32FC2);
-  for (int y = 0; y < work; y++)
-    for (int x = 0; x < work; x++) {
-      const cv::Vec2d at =
-          inverse * cv::Vec2d(place_of(y, work) - double(motion[2]), place_of(x, work) - double(motion[5]));
-      map.at<cv::Vec2f>(y, x) = cv::Vec2f(float(((at[1] + 1) * work - 1) / 2), float(((at[0] + 1) * work - 1) / 2));
-    }
-  return map;
-}
-
-bool find(const ern_body_reference &r, const Body &body, float motion[6]) {
+bool find(const ern_body_reference &r, const Body &body, cv::Mat &control) {
   const cv::Mat grey = grey_of(body.picture);
   cv::Mat flow;
   r.flow->calc(grey, r.grey, flow);
-  return fit(flow, body.mask, texture_of(grey), motion);
+  return fit(r, flow, body.mask, texture_of(grey), control);
+}
+
+/* Adds a pixel's colour to the four pixels of the reference round (y, x), pixels of work. */
+void splat(ern_body_reference &r, double y, double x, const cv::Vec3f &colour) {
+  const int top = int(std::floor(y)), left = int(std::floor(x));
+  for (int k = 0; k < 4; k++) {
+    const int row = top + k / 2, column = left + k % 2;
+    if (row < 0 || column < 0 || row >= r.work || column >= r.work) continue;
+    const float share = float((1 - std::fabs(y - row)) * (1 - std::fabs(x - column)));
+    r.sum.at<cv::Vec3f>(row, column) += colour * share;
+    r.weight.at<float>(row, column) += share;
+  }
 }
 
 }  // namespace
@@ -148,6 +187,7 @@ ern_status ern_body_reference_make(ern_context *context, int side, const uint8_t
     made->grey = grey_of(made->picture);
     made->sum = cv::Mat::zeros(made->work, made->work, CV_32FC3);
     made->weight = cv::Mat::zeros(made->work, made->work, CV_32F);
+    made->stiffness = stiffness();
     *reference = made.release();
     return ERN_OK;
   });
@@ -155,18 +195,16 @@ ern_status ern_body_reference_make(ern_context *context, int side, const uint8_t
 
 ern_status ern_body_reference_add(ern_body_reference *r, const uint8_t *rgba, const uint8_t *parts) {
   return ern_layers_guarded(r->context, [&] {
-    float motion[6];
+    cv::Mat control;
     const Body body = body_of(*r, rgba, parts);
-    if (!find(*r, body, motion)) return ERN_OK;
-    const cv::Mat map = back_map(motion, r->work);
-    cv::Mat picture, share, mask;
-    body.mask.convertTo(mask, CV_32F, 1.0 / 255);
-    cv::remap(body.picture, picture, map, cv::noArray(), cv::INTER_LINEAR, cv::BORDER_REPLICATE);
-    cv::remap(mask, share, map, cv::noArray(), cv::INTER_LINEAR, cv::BORDER_REPLICATE);
+    if (!find(*r, body, control)) return ERN_OK;
     for (int y = 0; y < r->work; y++)
-      for (int x = 0; x < r->work; x++)
-        r->sum.at<cv::Vec3f>(y, x) += picture.at<cv::Vec3f>(y, x) * share.at<float>(y, x);
-    r->weight += share;
+      for (int x = 0; x < r->work; x++) {
+        if (body.mask.at<uchar>(y, x) == 0) continue;
+        const cv::Vec2d by = moved_by(control, cell_of(y, x, r->work));
+        if (std::isfinite(by[0]) && std::isfinite(by[1]) && std::fabs(by[0]) < r->work && std::fabs(by[1]) < r->work)
+          splat(*r, y + by[0], x + by[1], body.picture.at<cv::Vec3f>(y, x));
+      }
     return ERN_OK;
   });
 }
@@ -178,14 +216,21 @@ ern_status ern_body_reference_mean(ern_body_reference *r) {
         if (r->weight.at<float>(y, x) >= least_frames)
           r->picture.at<cv::Vec3f>(y, x) = r->sum.at<cv::Vec3f>(y, x) / r->weight.at<float>(y, x);
     r->grey = grey_of(r->picture);
+    r->sum.setTo(0);
+    r->weight.setTo(0);
     return ERN_OK;
   });
 }
 
-ern_status ern_body_reference_find(ern_body_reference *r, const uint8_t *rgba, const uint8_t *parts, float motion[6],
-                                   bool *found) {
+ern_status ern_body_reference_find(ern_body_reference *r, const uint8_t *rgba, const uint8_t *parts,
+                                   float motion[ERN_MOTION_VALUES], bool *found) {
   return ern_layers_guarded(r->context, [&] {
-    *found = find(*r, body_of(*r, rgba, parts), motion);
+    cv::Mat control;
+    *found = find(*r, body_of(*r, rgba, parts), control);
+    for (int i = 0; i < ERN_MOTION_VALUES && *found; i++) {
+      motion[i] = float(control.at<cv::Vec2d>(i % points)[i / points] * 2 / r->work);
+      *found = std::isfinite(motion[i]) && std::fabs(motion[i]) < 2;
+    }
     return ERN_OK;
   });
 }

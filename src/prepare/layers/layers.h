@@ -89,15 +89,16 @@ ERN_NODISCARD ern_status ern_body_reference_make(ern_context *context, int side,
                                                  const uint8_t *rgba, const uint8_t *parts,
                                                  struct ern_body_reference **reference);
 void ern_body_reference_free(struct ern_body_reference *reference); /* accepts NULL */
-/* Adds a frame, moved onto the reference, to the mean picture, which ern_body_reference_mean makes the reference. */
+/* Adds a frame, moved onto the reference, to the mean picture, which ern_body_reference_mean makes the reference; it
+ * may then be done again. */
 ERN_NODISCARD ern_status ern_body_reference_add(struct ern_body_reference *reference, const uint8_t *rgba,
                                                 const uint8_t *parts);
 ERN_NODISCARD ern_status ern_body_reference_mean(struct ern_body_reference *reference);
 /* motion: ern_frame_input.torso_motion of a frame; *found false: the frame shows too little of the body. */
 ERN_NODISCARD ern_status ern_body_reference_find(struct ern_body_reference *reference, const uint8_t *rgba,
-                                                 const uint8_t *parts, float motion[6], bool *found);
+                                                 const uint8_t *parts, float motion[ERN_MOTION_VALUES], bool *found);
 
-/* Writes torso.csv of the pictures that the step has written; reports progress from `done` of `total` on. */
+/* Writes torso.npy of the pictures that the step has written; reports progress from `done` of `total` on. */
 ERN_NODISCARD ern_status ern_prepare_body_motion(struct ern_prepare_job *job, const struct ern_layer_face *faces,
                                                  const uint8_t *background, size_t done, size_t total);
 

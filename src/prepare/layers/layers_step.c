@@ -369,7 +369,7 @@ ern_status ern_prepare_layers(struct ern_prepare_job *job) {
   const size_t examples = job->frames < EXAMPLES ? job->frames : EXAMPLES,
                total = examples + (job->options->head_only ? 1 : 2) * job->frames;
   char path[ERN_PREPARE_PATH];
-  ERN_TRY(ern_prepare_remove_made(job, "torso.csv")); /* an older one, of other frames */
+  ERN_TRY(ern_prepare_remove_made(job, "torso.npy")); /* an older one, of other frames */
   ERN_TRY(open_layers(&l, job));
   ERN_TRY(learn(&l, total));
   ERN_TRY(cut_out(&l, examples, total));

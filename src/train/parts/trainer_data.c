@@ -36,7 +36,7 @@ ern_status ern_trainer_frame(const struct ern_training *t, int split, size_t fra
   if (about->aud_id < 0)
     return ern_fail(t->context, ERN_E_ARGUMENT, "train: %s frame %zu: aud_id is %" PRId64 ", expected 0 or more",
                     name_of(split), frame, about->aud_id);
-  for (int i = 0; i < 6 && t->data.has_torso_motion; i++)
+  for (int i = 0; i < ERN_MOTION_VALUES && t->data.has_torso_motion; i++)
     if (!(fabsf(about->torso_motion[i]) <= 1e3f))
       return ern_fail(t->context, ERN_E_ARGUMENT,
                       "train: %s frame %zu: torso_motion: value %d is %g, expected -1000 to 1000", name_of(split),

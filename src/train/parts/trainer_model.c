@@ -32,7 +32,7 @@ ern_status ern_trainer_copy_camera(ern_model *to, const ern_model *from) {
   if (status != ERN_OK) return status;
   memcpy(to->camera, from->camera, 6 * from->cameras * sizeof(float));
   to->cameras = from->cameras;
-  to->unseen = from->unseen;
+  memcpy(to->unseen, from->unseen, sizeof to->unseen);
   return ERN_OK;
 }
 

@@ -20,15 +20,15 @@ ern_status ern_trainer_motion_set(struct ern_training *t, bool on) {
   t->model->has_motion = on;
   if (!on) return ERN_OK;
   ERN_TRY(ERN_NEW(t->context, 16 * count, &pose));
-  ERN_TRY(ERN_NEW(t->context, ERN_TORSO_MOTION * count, &motion));
+  ERN_TRY(ERN_NEW(t->context, ERN_MOTION_VALUES * count, &motion));
   for (size_t i = 0; i < frames; i++) {
     ERN_TRY(ern_trainer_frame(t, 0, i, &about));
     ern_torso_motion_of(t->motion[i], about.torso_motion, t->config.torso_shrink);
     if (i < begin || i >= begin + count) continue;
     memcpy(pose + 16 * (i - begin), t->views[i].pose, 16 * sizeof *pose);
-    memcpy(motion + ERN_TORSO_MOTION * (i - begin), about.torso_motion, sizeof about.torso_motion);
+    memcpy(motion + ERN_MOTION_VALUES * (i - begin), about.torso_motion, sizeof about.torso_motion);
   }
-  ern_pose_regression_fit(&t->model->motion, pose, motion, count, ridge);
+  ern_pose_regression_fit(t->model->motion[0], ERN_MOTION_VALUES, pose, motion, count, ridge);
 fail:
   ern_release(t->context, pose);
   ern_release(t->context, motion);
@@ -40,7 +40,7 @@ ern_status ern_trainer_motion_follow(struct ern_training *t, const ern_model *mo
   if (model->has_motion && !t->data.has_torso_motion) {
     if (strict)
       return ern_fail(t->context, ERN_E_MISMATCH,
-                      "%s: was trained with the body's motion, and the clip has none; expected its torso.csv", path);
+                      "%s: was trained with the body's motion, and the clip has none; expected its torso.npy", path);
     ern_log(t->context, ERN_LOG_WARNING,
             "%s: was trained with the body's motion, and goes on without: the clip has none", path);
   }

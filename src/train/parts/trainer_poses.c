@@ -160,7 +160,7 @@ static void give_predicted(const struct ern_training *t) {
   for (size_t i = 0; i < t->data.frames[0]; i++) {
     double row[N];
     if (i >= t->config.data_begin && i < t->config.data_end) continue;
-    ern_pose_regression_predict(&model->unseen, t->views[i].pose, row);
+    ern_pose_regression_predict(model->unseen[0], ERN_POSE_CORRECTION, t->views[i].pose, row);
     for (size_t k = 0; k < 3; k++) {
       model->camera[3 * i + k] = (float)row[k];
       model->camera[3 * (model->cameras + i) + k] = (float)row[3 + k];
@@ -185,7 +185,7 @@ ern_status ern_trainer_poses_download(const struct ern_trainer_poses *p) {
       row[N * i + 3 + k] = model->camera[3 * (model->cameras + begin + i) + k];
     }
   }
-  ern_pose_regression_fit(&t->model->unseen, pose, row, count, ridge);
+  ern_pose_regression_fit(t->model->unseen[0], ERN_POSE_CORRECTION, pose, row, count, ridge);
   give_predicted(t);
 fail:
   ern_release(t->context, pose);

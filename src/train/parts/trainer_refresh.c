@@ -166,11 +166,15 @@ fail:
 static ern_status refresh_torso(struct ern_trainer_occupancy *o, size_t frame) {
   const struct ern_training *t = o->training;
   const struct ern_arena_mark mark = ern_arena_mark(t->stream);
-  struct ern_torso_inputs in = {&t->model->field, t->parameters, t->views[frame].pose, ern_trainer_code(t, frame), {0}};
+  const struct ern_torso_inputs in = {.field = &t->model->field,
+                                      .parameters = t->parameters,
+                                      .pose = t->views[frame].pose,
+                                      .individual = ern_trainer_code(t, frame),
+                                      .motion = t->motion[frame],
+                                      .shrink = t->config.torso_shrink};
   struct ern_torso_batch batch;
   ern_status status = ERN_OK;
   ERN_TRY(ern_torso_batch_take(t->stream, &t->model->field, ERN_TORSO_CELLS, &batch));
-  memcpy(in.motion, t->motion[frame], sizeof in.motion);
   struct ern_torso_points_args points = {
       .q = batch.q, .shrink = t->config.torso_shrink, .seed = t->config.seed, .step = t->step};
   ERN_TRY(t->backend->torso_points(t->stream, &points));

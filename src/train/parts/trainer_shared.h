@@ -23,7 +23,8 @@ struct ern_training {
   ern_model *model;                /* configuration and table; its values are those of the last download */
   ern_span parameters;             /* [field.parameters], on the backend */
   struct ern_view *views;          /* [training frames], as the clip has them */
-  float (*motion)[6];              /* [training frames] of torso_move: of the body; zeros for a torso without motion */
+  float (
+      *motion)[ERN_MOTION_VALUES]; /* [training frames] of torso_move: of the body; zeros for a torso without motion */
   bool bf16;                       /* products of bf16 (config.precision) */
   uint64_t step;
   double seconds;         /* of training, all runs together */

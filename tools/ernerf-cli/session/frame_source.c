@@ -175,7 +175,8 @@ struct source_frame frame_source_between(const struct source_frame *frame, struc
   if (at.toward <= 0) return source_frame;
   const struct source_frame *to = from + 1, *nearer = at.toward < 0.5 ? from : to;
   ern_pose_interpolate(source_frame.pose.matrix, from->pose.matrix, to->pose.matrix, at.toward);
-  for (int i = 0; i < 6; i++) source_frame.motion[i] += source_frame.toward * (to->motion[i] - from->motion[i]);
+  for (int i = 0; i < ERN_MOTION_VALUES; i++)
+    source_frame.motion[i] += source_frame.toward * (to->motion[i] - from->motion[i]);
   source_frame.pose.img_id = nearer->pose.img_id;
   source_frame.split = nearer->split;
   source_frame.index = nearer->index;

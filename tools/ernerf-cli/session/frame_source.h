@@ -11,9 +11,9 @@
 /* A frame of the output. Its time lies between two frames of the 25 fps sequence; in an output of 25 fps it is one of
  * them. */
 struct source_frame {
-  ern_pose pose;   /* pose.aud_id is the row of the features for frame `place` */
-  float motion[6]; /* of the body (ern_frame_input.torso_motion), where frame_source.has_motion */
-  ern_split split; /* with a clip: frame `index` of that split is the nearer of the two frames */
+  ern_pose pose;                   /* pose.aud_id is the row of the features for frame `place` */
+  float motion[ERN_MOTION_VALUES]; /* of the body (ern_frame_input.torso_motion), where frame_source.has_motion */
+  ern_split split;                 /* with a clip: frame `index` of that split is the nearer of the two frames */
   size_t index;
   float eye;     /* 0..1 */
   size_t number; /* in the whole output, also if only a part of it is drawn */

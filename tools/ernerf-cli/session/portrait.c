@@ -123,7 +123,7 @@ static void report_motion(const struct portrait *portrait, struct session *sessi
   if (!portrait->dubs && portrait->clip != NULL && info->has_torso && info->has_torso_motion &&
       !portrait->clip_info.has_torso_motion)
     session_warn(session,
-                 "%s: has no torso.csv, and %s was trained with the body's motion: its torso follows the head's pose "
+                 "%s: has no torso.npy, and %s was trained with the body's motion: its torso follows the head's pose "
                  "alone",
                  portrait->source.path, portrait->model_path);
 }
