@@ -55,6 +55,21 @@ made made --minutes 5 || fail "it did not draw again what was removed"
 MINE=late/eval.json TRAIN=0 made late && fail "a file that came during the training was replaced"
 [ "$(cat late/eval.json)" = mine ] || fail "a file that came during the training"
 
+# more minutes: killed after the end of the training, and refused
+mkdir -p made/portrait.head.run
+echo new > made/portrait.safetensors
+echo old > made/portrait.earlier.safetensors
+: > made/portrait.safetensors.longer
+cp -a made killed
+made killed --minutes 5 || fail "it did not go on after it was killed at the end of a longer training"
+[ "$(cat killed/portrait.safetensors)" = new ] && [ ! -e killed/portrait.earlier.safetensors ] && [ ! -e killed/portrait.safetensors.longer ] || fail "the portrait of before a longer training stayed"
+TRAIN=1 made made --minutes 6 && fail "a longer training that failed was taken for done"
+[ "$(cat made/portrait.earlier.safetensors)" = new ] || fail "the portrait of before a longer training is not the last one"
+TRAIN=2 made made --minutes 7 && fail "a longer training that was refused was taken for done"
+made made --minutes 7 || fail "it did not go on after a longer training was refused"
+made made --minutes 8 --threads 257 && fail "--threads 257 was accepted"
+grep -q 'threads is 257' err.log && grep -qx -e '--minutes 7' made/portrait.txt || fail "--threads 257 was found late"
+
 # cd looks at CDPATH
 mkdir -p elsewhere/other/clip
 CDPATH=$folder/elsewhere made other || fail "CDPATH"
