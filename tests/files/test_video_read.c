@@ -279,6 +279,51 @@ static void test_avi_with_b_frames(void **state) {
   ern_video_reader_free(&reader);
 }
 
+/* Pictures of four frames of grey, as a transport stream without a shape of its pixels of its own. */
+static void write_stream(const char *path, double pixel_aspect) {
+  enum { SIDE = 32 };
+  static uint8_t rgba[SIDE * SIDE * 4];
+  ern_video_options options = ern_video_options_default(SIDE, SIDE);
+  ern_video_writer *writer = NULL;
+  options.pixel_aspect = pixel_aspect;
+  support_ok(context, ern_video_writer_open(context, "one.mp4", &options, &writer));
+  for (int k = 0; k < 4; k++) support_ok(context, ern_video_writer_frame(writer, rgba));
+  support_ok(context, ern_video_writer_close(&writer));
+  copy_pictures("one.mp4", path, AV_FIELD_PROGRESSIVE);
+}
+
+/* A broadcast whose pixels become wider: one warning, at the first frame of them. */
+static void test_pixel_aspect_changes(void **state) {
+  (void)state;
+  for (int changes = 0; changes < 2; changes++) {
+    uint8_t *bytes[2] = {NULL};
+    size_t count[2], told = 0;
+    ern_video_reader *reader = NULL;
+    ern_image image = {0};
+    double seconds = 0;
+    write_stream("first.ts", 1);
+    write_stream("second.ts", changes ? 4.0 / 3 : 1);
+    support_ok(context, ern_file_read(context, "first.ts", 1 << 20, &bytes[0], &count[0]));
+    support_ok(context, ern_file_read(context, "second.ts", 1 << 20, &bytes[1], &count[1]));
+    FILE *file = fopen("both.ts", "wb");
+    assert_non_null(file);
+    for (int k = 0; k < 2; k++) {
+      assert_int_equal(fwrite(bytes[k], 1, count[k], file), count[k]);
+      ern_release(context, bytes[k]);
+    }
+    assert_int_equal(fclose(file), 0);
+    support_ok(context, ern_video_reader_open(context, "both.ts", &reader));
+    for (bool end = false; !end;) {
+      warned[0] = 0;
+      support_ok(context, ern_video_reader_frame(reader, &image, &seconds, &end));
+      told += strstr(warned, "pixels are 1.33 times as wide as high, expected 1 times") != NULL;
+    }
+    assert_int_equal(told, changes);
+    ern_image_free(context, &image);
+    ern_video_reader_free(&reader);
+  }
+}
+
 /* A file that ends between two packets, its header first, is read up to there, with a warning for each stream. */
 static void test_cut_between_packets(void **state) {
   (void)state;
@@ -414,6 +459,7 @@ int main(void) {
       cmocka_unit_test(test_display_matrix),
       cmocka_unit_test(test_sound_and_picture_in_step),
       cmocka_unit_test(test_avi_with_b_frames),
+      cmocka_unit_test(test_pixel_aspect_changes),
       cmocka_unit_test(test_cut_matroska),
       cmocka_unit_test(test_interlaced),
       cmocka_unit_test(test_transparent),
