@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT
  * Videos as other programs write them: turned and mirrored, with sound that begins earlier or later, cut short. */
+#include <libavcodec/avcodec.h>
 #include <libavcodec/bsf.h>
 #include <libavformat/avformat.h>
 #include <math.h>
@@ -410,6 +411,45 @@ static void test_cut_matroska(void **state) {
   ern_release(context, bytes);
 }
 
+/* A tape of a camcorder: three frames of DV, one after another. */
+static void write_tape(const char *path) {
+  AVCodecContext *codec = avcodec_alloc_context3(avcodec_find_encoder(AV_CODEC_ID_DVVIDEO));
+  AVFrame *frame = av_frame_alloc();
+  AVPacket *packet = av_packet_alloc();
+  assert_true(codec != NULL && frame != NULL && packet != NULL);
+  codec->width = frame->width = 720, codec->height = frame->height = 576;
+  codec->pix_fmt = AV_PIX_FMT_YUV420P, frame->format = AV_PIX_FMT_YUV420P;
+  codec->time_base = (AVRational){1, 25};
+  assert_true(avcodec_open2(codec, NULL, NULL) >= 0 && av_frame_get_buffer(frame, 0) >= 0);
+  for (int plane = 0; plane < 3; plane++)
+    memset(frame->data[plane], 128, (size_t)frame->linesize[plane] * (plane == 0 ? 576 : 288));
+  assert_true(avcodec_send_frame(codec, frame) >= 0 && avcodec_receive_packet(codec, packet) >= 0);
+  FILE *file = fopen(path, "wb");
+  assert_non_null(file);
+  for (int k = 0; k < 3; k++)
+    assert_int_equal(fwrite(packet->data, 1, (size_t)packet->size, file), (size_t)packet->size);
+  assert_int_equal(fclose(file), 0);
+  av_packet_free(&packet);
+  av_frame_free(&frame);
+  avcodec_free_context(&codec);
+}
+
+/* DV has no header that says it. */
+static void test_interlaced_tape(void **state) {
+  (void)state;
+  ern_video_reader *reader = NULL;
+  ern_image image = {0};
+  double seconds = 0;
+  write_tape("tape.dv");
+  warnings = 0;
+  support_ok(context, ern_video_reader_open(context, "tape.dv", &reader));
+  for (bool end = false; !end;) support_ok(context, ern_video_reader_frame(reader, &image, &seconds, &end));
+  ern_image_free(context, &image);
+  ern_video_reader_free(&reader);
+  assert_int_equal(warnings, 1);
+  if (strstr(warned, "tape.dv: is interlaced") == NULL) fail_msg("%s", warned);
+}
+
 static void test_interlaced(void **state) {
   (void)state;
   enum { SIDE = 32 };
@@ -462,6 +502,7 @@ int main(void) {
       cmocka_unit_test(test_pixel_aspect_changes),
       cmocka_unit_test(test_cut_matroska),
       cmocka_unit_test(test_interlaced),
+      cmocka_unit_test(test_interlaced_tape),
       cmocka_unit_test(test_transparent),
       cmocka_unit_test(test_cut_between_packets),
       cmocka_unit_test(test_cut_within_a_packet),

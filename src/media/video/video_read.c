@@ -43,7 +43,7 @@ struct ern_video_reader {
   bool has_first, sought;    /* sought: not read from the beginning on */
   int64_t delay;             /* by which the decoder's time stamps are late */
   int64_t due;               /* when the frame after the last decoded one is due; AV_NOPTS_VALUE: not known */
-  bool told_transparent, told_aspect;
+  bool told_transparent, told_aspect, told_interlaced;
 };
 
 static void copy_name(char to[32], const char *name) { snprintf(to, 32, "%s", name != NULL ? name : "unknown"); }
@@ -140,6 +140,15 @@ static int64_t delay_of(const struct ern_decoder *decoder) {
   return av_rescale_q(packets, av_inv_q(stream->avg_frame_rate), stream->time_base);
 }
 
+static void warn_interlaced(ern_video_reader *reader) {
+  if (reader->told_interlaced) return;
+  reader->told_interlaced = true;
+  ern_log(reader->context, ERN_LOG_WARNING,
+          "%s: is interlaced: each of its frames shows two instants, in alternate rows; expected one that is not, as "
+          "FFmpeg's filter bwdif makes it",
+          reader->decoder.path);
+}
+
 ern_status ern_video_reader_open(ern_context *context, const char *path, ern_video_reader **reader) {
   ERN_PLAIN_FLOATS;
   if (reader != NULL) *reader = NULL;
@@ -154,11 +163,7 @@ ern_status ern_video_reader_open(ern_context *context, const char *path, ern_vid
   ERN_TRY(ern_image_check_sides(context, path, made->decoder.codec->width, made->decoder.codec->height));
   describe(made);
   made->delay = delay_of(&made->decoder);
-  if (made->decoder.stream->codecpar->field_order > AV_FIELD_PROGRESSIVE)
-    ern_log(context, ERN_LOG_WARNING,
-            "%s: is interlaced: each of its frames shows two instants, in alternate rows; expected one that is not, as "
-            "FFmpeg's filter bwdif makes it",
-            path);
+  if (made->decoder.stream->codecpar->field_order > AV_FIELD_PROGRESSIVE) warn_interlaced(made);
   *reader = made;
   return ERN_OK;
 fail:
@@ -390,6 +395,7 @@ static ern_status decode(ern_video_reader *reader, double *seconds, bool *end) {
   const AVRational unit = reader->decoder.stream->time_base;
   *seconds = (double)frame->best_effort_timestamp * unit.num / unit.den; /* rounded once where num is 1 */
   check_aspect(reader, *seconds);
+  if (frame->interlaced_frame) warn_interlaced(reader); /* a DV has it in its frames alone */
 fail:
   return status;
 }
