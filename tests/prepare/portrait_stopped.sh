@@ -77,6 +77,11 @@ for file in portrait portrait.head; do # the user's own in the place of a model
   made own --minutes 8 && fail "a user's $file.safetensors was trained over"
   [ "$(cat "own/$file.safetensors")" = mine ] && grep -q 'is not what tools/portrait wrote' err.log || fail "a user's $file.safetensors"
 done
+mkdir -p made/portrait.run
+echo mine > made/portrait.run/notes.txt
+made made --minutes 8 && fail "a user's file in portrait.run was taken"
+[ "$(cat made/portrait.run/notes.txt)" = mine ] && [ -e made/portrait.safetensors.done ] || fail "a user's file in portrait.run"
+rm made/portrait.run/notes.txt
 made made --minutes 8 || fail "more minutes after a longer training"
 [ ! -e made/portrait.earlier.safetensors ] || fail "the portrait of before a second longer training stayed"
 
