@@ -82,6 +82,15 @@ static inline void made_close(struct made *m) {
   ern_context_free(&m->context);
 }
 
+/* Another context and backend, whose warnings are kept in `lines` (support_keep_warnings). */
+static inline void made_listen(struct made *m, char *lines) {
+  ern_context_config config = ern_context_config_default();
+  config.log = support_keep_warnings;
+  config.user = lines;
+  assert_int_equal(ern_context_create(&m->context, &config), ERN_OK);
+  support_ok(m->context, ern_backend_create(&m->backend, m->context, NULL));
+}
+
 static inline ern_train_config small_config(uint64_t iters, const char *output) {
   ern_train_config config = ern_train_config_default();
   config.iters = iters;

@@ -10,7 +10,7 @@
 #include "io/file.h"
 #include "io/number.h"
 
-enum { FILE_LIMIT = 1 << 30, LISTED_BYTES = 1024, MOST_COLUMNS = 16384, MOST_ROWS = 1 << 24 };
+enum { FILE_LIMIT = 1 << 30, LISTED_BYTES = 1024, MOST_COLUMNS = 16384, MOST_ROWS = 1 << 24, TWO_COLUMNS = -2 };
 
 /* A piece of the file's text, [begin, end). */
 struct piece {
@@ -46,20 +46,24 @@ static bool take_cell(struct piece *line, struct piece *cell) {
   return true;
 }
 
-/* The place of the column called `name` among the first MOST_COLUMNS, or -1; `listed` receives the names there are, as
- * far as they fit. */
+/* The place of the column called `name` among the first MOST_COLUMNS; -1: none; TWO_COLUMNS: which of them is not
+ * known. `listed` receives the names there are, as far as they fit. */
 static int find_column(struct piece header, const char *name, char listed[LISTED_BYTES]) {
   struct piece cell;
   size_t used = 0;
+  int found = -1;
   listed[0] = 0;
   for (int column = 0; column < MOST_COLUMNS && take_cell(&header, &cell); column++) {
     const size_t length = (size_t)(cell.end - cell.begin);
-    if (length == strlen(name) && memcmp(cell.begin, name, length) == 0) return column;
+    if (length == strlen(name) && memcmp(cell.begin, name, length) == 0) {
+      if (found >= 0) return TWO_COLUMNS;
+      found = column;
+    }
     if (used + length + 3 > LISTED_BYTES) continue;
     used +=
         (size_t)snprintf(listed + used, LISTED_BYTES - used, "%s%.*s", used > 0 ? ", " : "", (int)length, cell.begin);
   }
-  return -1;
+  return found;
 }
 
 static ern_status read_cell(ern_context *context, const char *path, const char *name, size_t number, struct piece cell,
@@ -100,6 +104,8 @@ static ern_status find_columns(ern_context *context, const char *path, struct pi
   for (size_t k = 0; k <= columns->count; k++) {
     const char *name = k < columns->count ? columns->names[k] : "frame";
     const int place = find_column(header, name, listed);
+    if (place == TWO_COLUMNS)
+      return ern_fail(context, ERN_E_FORMAT, "%s: has two columns %s or more, expected one", path, name);
     columns->places[k] = place;
     if (place > columns->last) columns->last = place;
     if (place < 0 && k < columns->count)
@@ -185,7 +191,7 @@ ern_status ern_csv_find_columns(ern_context *context, const char *path, const ch
   struct piece text = {(const char *)bytes, (const char *)bytes + size};
   text.begin += ern_text_mark(bytes, size);
   if (!take_line(&text, &line)) ERN_TRY(ern_fail(context, ERN_E_FORMAT, "%s: is empty, expected a header line", path));
-  for (size_t k = 0; k < wanted; k++) there[k] = find_column(line, names[k], listed) >= 0;
+  for (size_t k = 0; k < wanted; k++) there[k] = find_column(line, names[k], listed) != -1;
 fail:
   ern_release(context, bytes);
   return status;

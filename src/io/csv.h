@@ -9,7 +9,8 @@
 
 enum { ERN_CSV_COLUMNS = 256 };
 
-/* *values = the column whose header, trimmed of blanks and quotes, is `name`; owned by the caller (ern_release).
+/* *values = the column whose header, trimmed of blanks and quotes, is `name`; owned by the caller (ern_release). Two of
+ * that name are ERN_E_FORMAT.
  * Blank lines at the end are skipped. A column `frame`, if there is one, must increase by 1 from row to row, else
  * ERN_E_FORMAT. A missing column is ERN_E_MISSING and the message lists those there are;
  * a cell that is no finite number is ERN_E_FORMAT with line, found and expected. */

@@ -226,7 +226,7 @@ static ern_status read_fade(ern_context *context, const json_t *root, const char
   if (json_array_size(ends) != 2 || !json_is_number(json_array_get(ends, 0)) ||
       !json_is_number(json_array_get(ends, 1)))
     return wrong_field(context, path, "voice_fade");
-  if (!(begin < end && fabs(begin) <= (double)config->bound && fabs(end) <= (double)config->bound))
+  if (!((float)begin < (float)end && fabs(begin) <= (double)config->bound && fabs(end) <= (double)config->bound))
     return ern_fail(context, ERN_E_FORMAT,
                     "%s: metadata \"ernerf\": voice_fade is %g, %g, expected two numbers from -%g to %g that ascend",
                     path, begin, end, (double)config->bound, (double)config->bound);

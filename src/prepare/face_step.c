@@ -25,7 +25,7 @@
 #define HELD 0.06
 
 enum {
-  FEWEST_HELD = 5,                  /* held frames, and 1 % of all, that are worth a word */
+  FEWEST_HELD = 5,                  /* held or left out frames, and 1 % of all, that are worth a word */
   EVERY = 5,                        /* frames from look to look; a look runs the face detector on a frame */
   FACES = 8,                        /* most faces of a look */
   THUMB = 32,                       /* pixels a side of the thumbnails that find cuts */
@@ -54,6 +54,7 @@ struct scan {
   float usual;                        /* running mean of the change */
   size_t cut;                         /* first frame after a cut; 0: no cut */
   size_t frames, held;                /* of the clip; those that no picture is near in time (HELD) */
+  size_t left_out;                    /* pictures of the video that come later than others of their time */
   double end;                         /* time of the video's end in seconds, where the part reaches it; else 0 */
   size_t before;                      /* frames searched for a segment, for the progress */
   bool has_sound;
@@ -215,6 +216,7 @@ static ern_status scan_video(struct scan *s) {
     const size_t done = s->before + s->frames;
     ERN_TRY(ern_prepare_progress(s->job, done, done < total ? total : done + s->frames));
   }
+  s->left_out = footage.left_out;
 fail:
   ern_footage_close(&footage);
   return status;
@@ -447,6 +449,11 @@ static bool check_scan(struct scan *s) {
         "for %.1f s of it the video has no pictures of its own, and repeats those around; expected 10 "
         "frames a second or more, without gaps",
         (double)s->held / ERN_PREPARE_RATE);
+  if (s->left_out >= FEWEST_HELD && 100 * s->left_out > s->frames)
+    ern_prepare_add_reason(job, ERN_PREPARE_DOUBTFUL,
+                           "%zu pictures of the video are left out, as their times are not later than those of the "
+                           "pictures before; expected times that rise, or a part where they do: --from, --to",
+                           s->left_out);
   if (s->end > 0 && s->end + PART_SHORTER < to)
     ern_prepare_add_reason(job, ERN_PREPARE_DOUBTFUL, "the video ends at %.2f s, before --to %g", s->end, to);
   if (4 * s->with_others > s->looks)

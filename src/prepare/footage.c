@@ -16,7 +16,7 @@ static ern_status advance(struct ern_footage *f) {
   f->now_at = f->next_at;
   f->has_now = f->has_next;
   f->next = free_one;
-  do {
+  for (;; f->left_out += f->next_at >= f->first + f->from) {
     status = ern_video_reader_frame(f->reader, &f->next, &f->next_at, &end);
     f->has_next = status == ERN_OK && !end;
     if (f->has_now && f->has_next && f->next_at < f->now_at - BEGINS_ANEW)
@@ -24,8 +24,8 @@ static ern_status advance(struct ern_footage *f) {
                       "%s: the times of its pictures go back from %.3f s to %.3f s, expected times that rise: its "
                       "parts need to be joined again, as with FFmpeg's concat",
                       f->job->video, f->now_at, f->next_at);
-  } while (f->has_now && f->has_next && f->next_at <= f->now_at); /* skips a frame whose time is not later */
-  return status;
+    if (!f->has_now || !f->has_next || f->next_at > f->now_at) return status;
+  }
 }
 
 ern_status ern_footage_open(const struct ern_prepare_job *job, struct ern_footage *footage) {

@@ -15,6 +15,7 @@ struct ern_footage {
   double first;    /* seconds of the video's first frame */
   double from, to; /* the part, seconds after it; to 0: the end */
   size_t frame;    /* the next frame of the clip */
+  size_t left_out; /* frames of the part whose time is not later than that of the one before */
 };
 
 ERN_NODISCARD ern_status ern_footage_open(const struct ern_prepare_job *job, struct ern_footage *footage);

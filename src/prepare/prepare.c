@@ -207,6 +207,7 @@ static ern_status run_step(struct ern_prepare_job *job, size_t step, const char 
     ERN_TRY(invalidate_clip(job, step));
   }
   ERN_TRY(steps[step].run(job));
+  ERN_TRY(ern_prepare_record_check_video(job));
   const bool refused = job->verdict->grade == ERN_PREPARE_REFUSED;
   if (refused && step == 0 && job->frames > 0) goto refuse; /* the files and the record of an earlier call stay */
   if (job->frames > 0) (void)json_object_set_new(job->record, "frames", json_integer((json_int_t)job->frames));

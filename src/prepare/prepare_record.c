@@ -153,6 +153,21 @@ fail:
   return status;
 }
 
+ern_status ern_prepare_record_check_video(const struct ern_prepare_job *job) {
+  struct stat video;
+  if (stat(job->video, &video) != 0) return ern_file_fail(job->context, job->video, "open");
+  const json_t *before = json_object_get(job->record, "source");
+  const json_int_t bytes = json_integer_value(json_object_get(before, "bytes"));
+  if (bytes == (json_int_t)video.st_size &&
+      json_integer_value(json_object_get(before, "modified")) == (json_int_t)video.st_mtim.tv_sec &&
+      json_integer_value(json_object_get(before, "nanoseconds")) == (json_int_t)video.st_mtim.tv_nsec)
+    return ERN_OK;
+  return ern_fail(job->context, ERN_E_STATE,
+                  "%s: was written to while it was read: it has %lld bytes, at the beginning %lld; expected a complete "
+                  "file, and --overwrite to prepare %s anew",
+                  job->video, (long long)video.st_size, (long long)bytes, job->folder);
+}
+
 ern_status ern_prepare_record_save(struct ern_prepare_job *job) {
   ern_status status = ERN_OK;
   char path[ERN_PREPARE_PATH], *text = NULL;

@@ -9,6 +9,9 @@
  * other processes until it is closed. ERN_E_EXISTS where options->anew is not set and the folder holds files without a
  * record, or the record of another video, from, to or side; ERN_E_BUSY where another process prepares it. */
 ERN_NODISCARD ern_status ern_prepare_record_open(struct ern_prepare_job *job, int *lock);
+/* ERN_E_STATE where the video is no longer the file that the record has: its pictures or sound would be of two files.
+ */
+ERN_NODISCARD ern_status ern_prepare_record_check_video(const struct ern_prepare_job *job);
 /* Writes job->record. */
 ERN_NODISCARD ern_status ern_prepare_record_save(struct ern_prepare_job *job);
 

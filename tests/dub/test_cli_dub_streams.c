@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * `ernerf dub` and `live --video` of videos whose streams cannot all become a part of the output: further sound and
  * subtitles, pictures that change their size. */
+#include <libavcodec/bsf.h>
 #include <libavformat/avformat.h>
 
 #include "dub/recorded_clip.h"
@@ -31,9 +32,10 @@ static void write_stream(const char *path, int side) {
   ern_context_free(&context);
 }
 
-/* The pictures of both streams, one after the other, in one Matroska file. */
-static void append_streams(const char *const from[2], const char *to) {
+/* The pictures of both streams, one after the other, in one Matroska file. change: FFmpeg's filter for the second's. */
+static void append_streams(const char *const from[2], const char *change, const char *to) {
   AVFormatContext *in = NULL, *out = NULL;
+  AVBSFContext *filter = NULL;
   AVPacket *packet = av_packet_alloc();
   int64_t pictures = 0;
   assert_true(packet != NULL && avformat_alloc_output_context2(&out, NULL, "matroska", to) >= 0);
@@ -45,12 +47,16 @@ static void append_streams(const char *const from[2], const char *to) {
       stream->codecpar->codec_tag = 0;
       assert_true(avio_open(&out->pb, to, AVIO_FLAG_WRITE) >= 0 && avformat_write_header(out, NULL) >= 0);
     }
+    assert_true(av_bsf_list_parse_str(i == 1 ? change : "null", &filter) >= 0);
+    assert_true(avcodec_parameters_copy(filter->par_in, in->streams[0]->codecpar) >= 0 && av_bsf_init(filter) >= 0);
     while (av_read_frame(in, packet) >= 0) {
+      assert_true(av_bsf_send_packet(filter, packet) >= 0 && av_bsf_receive_packet(filter, packet) >= 0);
       packet->pts = packet->dts = 40 * pictures++; /* the container's clock: 1 ms */
       packet->duration = 40;
       assert_true(av_interleaved_write_frame(out, packet) >= 0);
       av_packet_unref(packet);
     }
+    av_bsf_free(&filter);
     avformat_close_input(&in);
   }
   assert_true(av_write_trailer(out) >= 0);
@@ -118,7 +124,7 @@ static void test_other_size(void **state) {
   char hash[65];
   write_stream("large.ts", SIDE);
   write_stream("small.ts", SIDE / 2);
-  append_streams((const char *const[]){"large.ts", "small.ts"}, "sizes.mkv");
+  append_streams((const char *const[]){"large.ts", "small.ts"}, "null", "sizes.mkv");
   support_ok(context, ern_file_sha256(context, "sizes.mkv", hash));
   write_record(hash, 0.2); /* most of the clip is in the second stream */
   cli_run(&cli, "dub h.safetensors sizes.mkv --clip clip --audio clip/aud.wav -o no.mp4");
@@ -129,7 +135,45 @@ static void test_other_size(void **state) {
   ern_context_free(&context);
 }
 
+/* Grey of frame k, at a corner. */
+static int grey_of(const char *path, int k) {
+  ern_context *context = support_context();
+  ern_video_reader *reader = NULL;
+  ern_image image = {0};
+  double seconds = 0;
+  bool end = false;
+  support_ok(context, ern_video_reader_open(context, path, &reader));
+  for (int i = 0; i <= k; i++) support_ok(context, ern_video_reader_frame(reader, &image, &seconds, &end));
+  assert_false(end);
+  const int grey = image.data[0];
+  ern_image_free(context, &image);
+  ern_video_reader_free(&reader);
+  ern_context_free(&context);
+  return grey;
+}
+
+/* A video that turns to full range, so that its frames are no longer coded as they were decoded: the output has one
+ * range, and their colours. */
+static void test_other_range(void **state) {
+  (void)state;
+  ern_context *context = support_context();
+  char hash[65];
+  write_stream("limited.ts", SIDE);
+  append_streams((const char *const[]){"limited.ts", "limited.ts"}, "h264_metadata=video_full_range_flag=1",
+                 "ranges.mkv");
+  support_ok(context, ern_file_sha256(context, "ranges.mkv", hash));
+  write_record(hash, 0);
+  cli_run(&cli, "dub h.safetensors ranges.mkv --clip clip --audio clip/aud.wav -o ranges.mp4 -y");
+  cli_expect(&cli, 0, NULL);
+  const int before = grey_of("ranges.mkv", FRAMES - 1), after = grey_of("ranges.mkv", FRAMES);
+  assert_true(before - after > 1); /* 126 of 16 to 235 is 128, of 0 to 255 it is 126 */
+  assert_in_range(grey_of("ranges.mp4", FRAMES - 1), before - 1, before + 1);
+  assert_in_range(grey_of("ranges.mp4", FRAMES), after - 1, after + 1);
+  ern_context_free(&context);
+}
+
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_other_streams), cmocka_unit_test(test_other_size)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_other_streams), cmocka_unit_test(test_other_size),
+                                     cmocka_unit_test(test_other_range)};
   return cmocka_run_group_tests(tests, make_all, NULL);
 }

@@ -575,7 +575,10 @@ def test_words():
     """What cannot be served is refused before anything is opened."""
     with open("short", "w") as file:
         file.write("abc\n")
+    with open("zero", "w") as file:
+        file.write(32 * "a" + "\0" + 32 * "b" + "\n")
     rows = [(["--listen", "0.0.0.0"], 2, "--say-token and --watch-token"), (["--say-token", "short"], 1, "is no token"),
+            (["--watch-token", "zero"], 1, "is no token"),
             (["--say-token", "gone"], 1, "gone: cannot be read"), (["--name", "../x"], 2, '--name is "../x"'),
             (["--viewers", "300"], 2, "--connections is 256"), (["--stun", "example.org"], 2, "expected stun://HOST:PORT"),
             (["--stun", "stun://example.org:3478/x"], 2, "expected stun://HOST:PORT"),

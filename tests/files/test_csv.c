@@ -23,7 +23,7 @@ static void test_good(void **state) {
   expect_column(context, "frame, AU45_r\n1, 0.5\n2, 0\n3, 3.25\n", 3, expected);
   expect_column(context, "AU45_r,frame\r\n0.5,1\r\n0,2\r\n3.25,3\r\n\r\n \r\n", 3, expected);
   expect_column(context, "\xef\xbb\xbf\"AU45_r\" ,\"a,b\"\n\"0.5\",\"x,y\"\n 0.0 ,1\n+3.25,", 3, expected);
-  expect_column(context, "AU45_c,xAU45_r,\t AU45_r\t,AU45_r\n9,9,.5,9\n9,9,0e0,9\n9,9,325e-2,9", 3, expected);
+  expect_column(context, "AU45_c,xAU45_r,\t AU45_r\t,AU45_rr\n9,9,.5,9\n9,9,0e0,9\n9,9,325e-2,9", 3, expected);
   expect_column(context, "frame, AU45_r\n", 0, NULL);
   expect_column(context, "AU45_r", 0, NULL);
   ern_context_free(&context);
@@ -39,6 +39,8 @@ static void test_bad(void **state) {
   } cases[] = {{"", ERN_E_FORMAT, {"is empty", "header"}},
                {"\n\n", ERN_E_FORMAT, {"is empty", "header"}},
                {"frame, AU01_r\n1, 2\n", ERN_E_MISSING, {"column AU45_r is missing", "found: frame, AU01_r"}},
+               {"AU45_r, x,\"AU45_r\"\n1, 2, 3\n", ERN_E_FORMAT, {"two columns AU45_r", "expected one"}},
+               {"frame, AU45_r, frame\n1, 2, 1\n", ERN_E_FORMAT, {"two columns frame", "expected one"}},
                {"frame; AU45_r\n1; 2\n", ERN_E_MISSING, {"column AU45_r is missing", "frame; AU45_r"}},
                {"frame, AU45_r\n1, nan\n", ERN_E_FORMAT, {"line 2, column AU45_r is \"nan\"", "finite number"}},
                {"frame, AU45_r\n1, 1\n2, -inf\n", ERN_E_FORMAT, {"line 3, column AU45_r is \"-inf\"", "finite"}},

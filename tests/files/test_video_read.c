@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT
  * Videos as other programs write them: turned and mirrored, with sound that begins earlier or later, cut short. */
+#include <libavcodec/avcodec.h>
 #include <libavcodec/bsf.h>
 #include <libavformat/avformat.h>
 #include <math.h>
@@ -279,6 +280,51 @@ static void test_avi_with_b_frames(void **state) {
   ern_video_reader_free(&reader);
 }
 
+/* Pictures of four frames of grey, as a transport stream without a shape of its pixels of its own. */
+static void write_stream(const char *path, double pixel_aspect) {
+  enum { SIDE = 32 };
+  static uint8_t rgba[SIDE * SIDE * 4];
+  ern_video_options options = ern_video_options_default(SIDE, SIDE);
+  ern_video_writer *writer = NULL;
+  options.pixel_aspect = pixel_aspect;
+  support_ok(context, ern_video_writer_open(context, "one.mp4", &options, &writer));
+  for (int k = 0; k < 4; k++) support_ok(context, ern_video_writer_frame(writer, rgba));
+  support_ok(context, ern_video_writer_close(&writer));
+  copy_pictures("one.mp4", path, AV_FIELD_PROGRESSIVE);
+}
+
+/* A broadcast whose pixels become wider: one warning, at the first frame of them. */
+static void test_pixel_aspect_changes(void **state) {
+  (void)state;
+  for (int changes = 0; changes < 2; changes++) {
+    uint8_t *bytes[2] = {NULL};
+    size_t count[2], told = 0;
+    ern_video_reader *reader = NULL;
+    ern_image image = {0};
+    double seconds = 0;
+    write_stream("first.ts", 1);
+    write_stream("second.ts", changes ? 4.0 / 3 : 1);
+    support_ok(context, ern_file_read(context, "first.ts", 1 << 20, &bytes[0], &count[0]));
+    support_ok(context, ern_file_read(context, "second.ts", 1 << 20, &bytes[1], &count[1]));
+    FILE *file = fopen("both.ts", "wb");
+    assert_non_null(file);
+    for (int k = 0; k < 2; k++) {
+      assert_int_equal(fwrite(bytes[k], 1, count[k], file), count[k]);
+      ern_release(context, bytes[k]);
+    }
+    assert_int_equal(fclose(file), 0);
+    support_ok(context, ern_video_reader_open(context, "both.ts", &reader));
+    for (bool end = false; !end;) {
+      warned[0] = 0;
+      support_ok(context, ern_video_reader_frame(reader, &image, &seconds, &end));
+      told += strstr(warned, "pixels are 1.33 times as wide as high, expected 1 times") != NULL;
+    }
+    assert_int_equal(told, changes);
+    ern_image_free(context, &image);
+    ern_video_reader_free(&reader);
+  }
+}
+
 /* A file that ends between two packets, its header first, is read up to there, with a warning for each stream. */
 static void test_cut_between_packets(void **state) {
   (void)state;
@@ -365,6 +411,45 @@ static void test_cut_matroska(void **state) {
   ern_release(context, bytes);
 }
 
+/* A tape of a camcorder: three frames of DV, one after another. */
+static void write_tape(const char *path) {
+  AVCodecContext *codec = avcodec_alloc_context3(avcodec_find_encoder(AV_CODEC_ID_DVVIDEO));
+  AVFrame *frame = av_frame_alloc();
+  AVPacket *packet = av_packet_alloc();
+  assert_true(codec != NULL && frame != NULL && packet != NULL);
+  codec->width = frame->width = 720, codec->height = frame->height = 576;
+  codec->pix_fmt = AV_PIX_FMT_YUV420P, frame->format = AV_PIX_FMT_YUV420P;
+  codec->time_base = (AVRational){1, 25};
+  assert_true(avcodec_open2(codec, NULL, NULL) >= 0 && av_frame_get_buffer(frame, 0) >= 0);
+  for (int plane = 0; plane < 3; plane++)
+    memset(frame->data[plane], 128, (size_t)frame->linesize[plane] * (plane == 0 ? 576 : 288));
+  assert_true(avcodec_send_frame(codec, frame) >= 0 && avcodec_receive_packet(codec, packet) >= 0);
+  FILE *file = fopen(path, "wb");
+  assert_non_null(file);
+  for (int k = 0; k < 3; k++)
+    assert_int_equal(fwrite(packet->data, 1, (size_t)packet->size, file), (size_t)packet->size);
+  assert_int_equal(fclose(file), 0);
+  av_packet_free(&packet);
+  av_frame_free(&frame);
+  avcodec_free_context(&codec);
+}
+
+/* DV has no header that says it. */
+static void test_interlaced_tape(void **state) {
+  (void)state;
+  ern_video_reader *reader = NULL;
+  ern_image image = {0};
+  double seconds = 0;
+  write_tape("tape.dv");
+  warnings = 0;
+  support_ok(context, ern_video_reader_open(context, "tape.dv", &reader));
+  for (bool end = false; !end;) support_ok(context, ern_video_reader_frame(reader, &image, &seconds, &end));
+  ern_image_free(context, &image);
+  ern_video_reader_free(&reader);
+  assert_int_equal(warnings, 1);
+  if (strstr(warned, "tape.dv: is interlaced") == NULL) fail_msg("%s", warned);
+}
+
 static void test_interlaced(void **state) {
   (void)state;
   enum { SIDE = 32 };
@@ -414,8 +499,10 @@ int main(void) {
       cmocka_unit_test(test_display_matrix),
       cmocka_unit_test(test_sound_and_picture_in_step),
       cmocka_unit_test(test_avi_with_b_frames),
+      cmocka_unit_test(test_pixel_aspect_changes),
       cmocka_unit_test(test_cut_matroska),
       cmocka_unit_test(test_interlaced),
+      cmocka_unit_test(test_interlaced_tape),
       cmocka_unit_test(test_transparent),
       cmocka_unit_test(test_cut_between_packets),
       cmocka_unit_test(test_cut_within_a_packet),

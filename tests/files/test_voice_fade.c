@@ -92,21 +92,30 @@ static void test_heights(void **state) {
   made_close(&m);
 }
 
-/* A head that goes on keeps what it began with: a resumed one, and one that begins from a file. */
+/* A head that goes on keeps what it began with: a resumed one, and one that begins from a file. A warning says so where
+ * it is not to. */
 static void test_goes_on(void **state) {
   (void)state;
+  static char said[SUPPORT_LINES];
   struct made m;
   ern_model_info info;
   made_open(&m);
+  made_close(&m);
+  made_listen(&m, said);
   clear_run("with"), clear_run("without"), clear_run("next");
   m.data.frame = faced_frame;
   ern_train_config config = small_config(2, "with.safetensors");
   (void)trained(&m, &config);
   config.iters = 4;
   config.resume = true;
+  info = trained(&m, &config);
+  expect_found(&info);
+  assert_null(strstr(said, "voice_fade"));
+  config.iters = 6;
   config.voice_fade = false;
   info = trained(&m, &config);
   expect_found(&info);
+  assert_non_null(strstr(said, "with.run/state.safetensors: voice_fade is no, but"));
 
   config = small_config(2, "without.safetensors");
   config.voice_fade = false;
@@ -122,8 +131,10 @@ static void test_goes_on(void **state) {
   expect_none(&info);
   config.from = "with.safetensors";
   config.voice_fade = false;
+  said[0] = 0;
   info = trained(&m, &config);
   expect_found(&info);
+  assert_non_null(strstr(said, "with.safetensors: voice_fade is no, but"));
   made_close(&m);
 }
 
@@ -177,10 +188,10 @@ static void test_above(void **state) {
   made_close(&m);
 }
 
-/* Heights of a file that are not two ascending numbers of the scene. */
+/* Heights of a file that are not two ascending numbers of the scene, also where they are equal as floats. */
 static void test_refused(void **state) {
   (void)state;
-  static const char *const wrong[] = {"[0.9,0.1]", "[-7,0.13]", "[null,1 ]"};
+  static const char *const wrong[] = {"[0.9,0.1]", "[-7,0.13]", "[null,1 ]", "[0.1,0.100000000001]"};
   struct made m;
   ern_model *model = NULL;
   made_open(&m);
@@ -195,9 +206,10 @@ static void test_refused(void **state) {
   assert_non_null(at);
   char *const last = memchr(at, ']', 60);
   assert_non_null(last);
-  for (size_t k = 0; k < 3; k++) {
+  for (size_t k = 0; k < sizeof wrong / sizeof *wrong; k++) {
+    assert_true((size_t)(last - at) + 1 >= strlen(wrong[k]));
     memset(at, ' ', (size_t)(last - at) + 1);
-    memcpy(at, wrong[k], 9);
+    memcpy(at, wrong[k], strlen(wrong[k]));
     support_write("bad.safetensors", bytes, count);
     support_expect(m.context, ern_model_load(&model, m.context, "bad.safetensors"), ERN_E_FORMAT, "bad.safetensors",
                    "voice_fade", NULL);

@@ -19,6 +19,7 @@ case $1 in
     [ -z "${MINE-}" ] || echo mine > "$MINE"
     case $TRAIN in
       wait) trap 'echo ended >> calls.log; exit 143' TERM HUP; echo waits >> calls.log; for i in {1..300}; do sleep 0.1; done ;;
+      0) echo "$*" > "$4" ;;
       *) exit "$TRAIN" ;;
     esac ;;
 esac
@@ -54,6 +55,35 @@ made made --minutes 5 || fail "it did not draw again what was removed"
 # one that came while the training ran
 MINE=late/eval.json TRAIN=0 made late && fail "a file that came during the training was replaced"
 [ "$(cat late/eval.json)" = mine ] || fail "a file that came during the training"
+
+# more minutes: killed after the end of the training, and refused
+mkdir -p made/portrait.head.run
+cp made/portrait.safetensors new
+echo old > made/portrait.earlier.safetensors
+: > made/portrait.safetensors.longer
+cp -a made killed
+made killed --minutes 5 || fail "it did not go on after it was killed at the end of a longer training"
+cmp new killed/portrait.safetensors && [ ! -e killed/portrait.earlier.safetensors ] && [ ! -e killed/portrait.safetensors.longer ] || fail "the portrait of before a longer training stayed"
+TRAIN=1 made made --minutes 6 && fail "a longer training that failed was taken for done"
+cmp new made/portrait.earlier.safetensors || fail "the portrait of before a longer training is not the last one"
+TRAIN=2 made made --minutes 7 && fail "a longer training that was refused was taken for done"
+made made --minutes 7 || fail "it did not go on after a longer training was refused"
+made made --minutes 8 --threads 257 && fail "--threads 257 was accepted"
+grep -q 'threads is 257' err.log && [ ! -e made/portrait.safetensors.longer ] || fail "--threads 257 was found late"
+for file in portrait portrait.head; do # the user's own in the place of a model
+  rm -rf own
+  cp -a made own
+  echo mine > "own/$file.safetensors"
+  made own --minutes 8 && fail "a user's $file.safetensors was trained over"
+  [ "$(cat "own/$file.safetensors")" = mine ] && grep -q 'is not what tools/portrait wrote' err.log || fail "a user's $file.safetensors"
+done
+mkdir -p made/portrait.run
+echo mine > made/portrait.run/notes.txt
+made made --minutes 8 && fail "a user's file in portrait.run was taken"
+[ "$(cat made/portrait.run/notes.txt)" = mine ] && [ -e made/portrait.safetensors.done ] || fail "a user's file in portrait.run"
+rm made/portrait.run/notes.txt
+made made --minutes 8 || fail "more minutes after a longer training"
+[ ! -e made/portrait.earlier.safetensors ] || fail "the portrait of before a second longer training stayed"
 
 # cd looks at CDPATH
 mkdir -p elsewhere/other/clip

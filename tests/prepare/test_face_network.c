@@ -365,9 +365,45 @@ static void test_late_long(void **state) {
   ern_context_free(&context);
 }
 
+static int append(void *user, const char *step, size_t done, size_t total) {
+  (void)step, (void)total;
+  FILE *file = done == 1 ? fopen(user, "ab") : NULL;
+  if (file == NULL) return 0;
+  assert_int_equal(fwrite("more", 1, 4, file), 4);
+  assert_int_equal(fclose(file), 0);
+  return 0;
+}
+
+/* A video that another program still writes would give pictures and sound of two files. */
+static void test_written_to(void **state) {
+  (void)state;
+  char video[] = "grows.mp4";
+  ern_context *context = support_context();
+  ern_prepare_options options = ern_prepare_options_default();
+  ern_prepare_result result;
+  make_features(context);
+  options.side = SIDE;
+  options.only = "face";
+  options.features = "any.npy";
+  options.detector = "faces.onnx";
+  make_network("faces.onnx", 1 / 220.0f, frontal, 2);
+  make_video(context, video, 0, 2 * ERN_PREPARE_RATE);
+  options.progress = append;
+  options.user = video;
+  support_clear("grown");
+  support_expect(context, ern_prepare(context, video, "grown", &options, &result), ERN_E_STATE, "grows.mp4",
+                 "was written to while it was read", "--overwrite", NULL);
+  options.progress = NULL;
+  support_expect(context, ern_prepare(context, video, "grown", &options, &result), ERN_E_EXISTS, "another video", NULL);
+  options.anew = true;
+  support_ok(context, ern_prepare(context, video, "grown", &options, &result));
+  ern_context_free(&context);
+}
+
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_found), cmocka_unit_test(test_count),
-                                     cmocka_unit_test(test_none),  cmocka_unit_test(test_refused),
-                                     cmocka_unit_test(test_step),  cmocka_unit_test(test_late_long)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_found),     cmocka_unit_test(test_count),
+                                     cmocka_unit_test(test_none),      cmocka_unit_test(test_refused),
+                                     cmocka_unit_test(test_step),      cmocka_unit_test(test_late_long),
+                                     cmocka_unit_test(test_written_to)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

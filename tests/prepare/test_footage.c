@@ -166,8 +166,8 @@ static void test_times_go_back(void **state) {
   static const struct {
     int times;
     double apart, early;
-    size_t expected; /* 0: refused */
-  } cases[] = {{1, 0, 0, 50}, {2, 0, 0, 0}, {1, 0, 0.05, 50}, {2, 1.5, 0, 88}, {2, 0.9, 0, 0}};
+    size_t expected, left_out; /* 0: refused */
+  } cases[] = {{1, 0, 0, 50, 0}, {2, 0, 0, 0, 0}, {1, 0, 0.05, 50, 1}, {2, 1.5, 0, 88, 12}, {2, 0.9, 0, 0, 0}};
   struct made_job m;
   const ern_image *image = NULL;
   made_job_open(&m, "clip", SIDE, 0);
@@ -193,6 +193,7 @@ static void test_times_go_back(void **state) {
       support_ok(m.job.context, status);
       assert_int_equal(count, cases[i].expected);
       assert_true(still <= 2);
+      assert_int_equal(footage.left_out, cases[i].left_out);
     }
     ern_footage_close(&footage);
   }

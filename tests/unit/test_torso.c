@@ -381,6 +381,7 @@ static void test_affine_file(void **state) {
 /* A resumed torso goes on as it began, with motion or without, and with motion not on a clip that has lost it. */
 static void test_resumed(void **state) {
   (void)state;
+  static char said[SUPPORT_LINES];
   struct made m;
   ern_model *head = NULL, *portrait = NULL;
   ern_model_info info;
@@ -402,7 +403,11 @@ static void test_resumed(void **state) {
                  NULL);
   m.data.has_torso_motion = true;
   config.torso_motion = false; /* not asked of a torso that goes on */
-  support_ok(m.context, train(&m, &config, NULL));
+  struct made heard = m;
+  made_listen(&heard, said);
+  support_ok(heard.context, train(&heard, &config, NULL));
+  made_close(&heard);
+  assert_non_null(strstr(said, "resumed.run/state.safetensors: torso_motion is no, but"));
   expect_same("straight.safetensors", "resumed.safetensors");
 
   config = torso_config(head, 8, "before.safetensors");

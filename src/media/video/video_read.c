@@ -43,7 +43,7 @@ struct ern_video_reader {
   bool has_first, sought;    /* sought: not read from the beginning on */
   int64_t delay;             /* by which the decoder's time stamps are late */
   int64_t due;               /* when the frame after the last decoded one is due; AV_NOPTS_VALUE: not known */
-  bool told_transparent;
+  bool told_transparent, told_aspect, told_interlaced;
 };
 
 static void copy_name(char to[32], const char *name) { snprintf(to, 32, "%s", name != NULL ? name : "unknown"); }
@@ -83,6 +83,24 @@ static void name_others(ern_video_reader *reader, int sound) {
   }
 }
 
+/* Width over height of a pixel as it is shown, by the frame (NULL: the header) where the container does not say it. */
+static double pixel_aspect(const ern_video_reader *reader, AVFrame *frame) {
+  const AVRational guess = av_guess_sample_aspect_ratio(reader->decoder.container, reader->decoder.stream, frame);
+  const double aspect = guess.num > 0 && guess.den > 0 ? av_q2d(guess) : 1;
+  return reader->orientation >= 5 ? 1 / aspect : aspect;
+}
+
+/* Warns once where the shape of the pixels changes: what is read has no place for a second one. */
+static void check_aspect(ern_video_reader *reader, double seconds) {
+  const double found = pixel_aspect(reader, reader->decoder.frame), expected = reader->info.pixel_aspect;
+  if (reader->told_aspect || fabs(found / expected - 1) < 0.01) return;
+  reader->told_aspect = true;
+  ern_log(reader->context, ERN_LOG_WARNING,
+          "%s: from %.2f s on its pixels are %.3g times as wide as high, expected %.3g times, as in its header; they "
+          "are taken as %.3g times, so what is there is stretched",
+          reader->decoder.path, seconds, found, expected, expected);
+}
+
 static void describe(ern_video_reader *reader) {
   AVFormatContext *container = reader->decoder.container;
   const AVCodecContext *codec = reader->decoder.codec;
@@ -97,9 +115,7 @@ static void describe(ern_video_reader *reader) {
     info->width = codec->height;
     info->height = codec->width;
   }
-  const AVRational aspect = av_guess_sample_aspect_ratio(container, reader->decoder.stream, NULL);
-  info->pixel_aspect = aspect.num > 0 && aspect.den > 0 ? av_q2d(aspect) : 1;
-  if (swapped) info->pixel_aspect = 1 / info->pixel_aspect;
+  info->pixel_aspect = pixel_aspect(reader, NULL);
   if (container->start_time != AV_NOPTS_VALUE) info->start = (double)container->start_time / AV_TIME_BASE;
   if (container->duration != AV_NOPTS_VALUE) info->duration = (double)container->duration / AV_TIME_BASE;
   copy_name(info->video_codec, avcodec_get_name(codec->codec_id));
@@ -124,6 +140,15 @@ static int64_t delay_of(const struct ern_decoder *decoder) {
   return av_rescale_q(packets, av_inv_q(stream->avg_frame_rate), stream->time_base);
 }
 
+static void warn_interlaced(ern_video_reader *reader) {
+  if (reader->told_interlaced) return;
+  reader->told_interlaced = true;
+  ern_log(reader->context, ERN_LOG_WARNING,
+          "%s: is interlaced: each of its frames shows two instants, in alternate rows; expected one that is not, as "
+          "FFmpeg's filter bwdif makes it",
+          reader->decoder.path);
+}
+
 ern_status ern_video_reader_open(ern_context *context, const char *path, ern_video_reader **reader) {
   ERN_PLAIN_FLOATS;
   if (reader != NULL) *reader = NULL;
@@ -138,11 +163,7 @@ ern_status ern_video_reader_open(ern_context *context, const char *path, ern_vid
   ERN_TRY(ern_image_check_sides(context, path, made->decoder.codec->width, made->decoder.codec->height));
   describe(made);
   made->delay = delay_of(&made->decoder);
-  if (made->decoder.stream->codecpar->field_order > AV_FIELD_PROGRESSIVE)
-    ern_log(context, ERN_LOG_WARNING,
-            "%s: is interlaced: each of its frames shows two instants, in alternate rows; expected one that is not, as "
-            "FFmpeg's filter bwdif makes it",
-            path);
+  if (made->decoder.stream->codecpar->field_order > AV_FIELD_PROGRESSIVE) warn_interlaced(made);
   *reader = made;
   return ERN_OK;
 fail:
@@ -373,6 +394,8 @@ static ern_status decode(ern_video_reader *reader, double *seconds, bool *end) {
   note_time(reader, frame);
   const AVRational unit = reader->decoder.stream->time_base;
   *seconds = (double)frame->best_effort_timestamp * unit.num / unit.den; /* rounded once where num is 1 */
+  check_aspect(reader, *seconds);
+  if (frame->interlaced_frame) warn_interlaced(reader); /* a DV has it in its frames alone */
 fail:
   return status;
 }

@@ -76,6 +76,12 @@ ern_status ern_trainer_fade_find(struct ern_training *t) {
   return ERN_OK;
 }
 
-void ern_trainer_fade_follow(struct ern_training *t, const ern_model *model) {
+void ern_trainer_fade_follow(struct ern_training *t, const ern_model *model, const char *path) {
+  if (ern_field_fades(&model->field) && !t->config.voice_fade && !t->config.torso)
+    ern_log(t->context, ERN_LOG_WARNING,
+            "%s: voice_fade is no, but its voice ends above the nose, and goes on so: only a new training is without",
+            path);
+  if (!ern_field_fades(&model->field) && ern_field_fades(&t->model->field))
+    ern_log(t->context, ERN_LOG_INFO, "%s: its voice reaches the whole head, and goes on so, without voice_fade", path);
   memcpy(t->model->field.config.voice_fade, model->field.config.voice_fade, sizeof model->field.config.voice_fade);
 }

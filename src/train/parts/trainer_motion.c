@@ -44,6 +44,11 @@ ern_status ern_trainer_motion_follow(struct ern_training *t, const ern_model *mo
     ern_log(t->context, ERN_LOG_WARNING,
             "%s: was trained with the body's motion, and goes on without: the clip has none", path);
   }
+  if (model->has_motion && t->data.has_torso_motion && !t->config.torso_motion)
+    ern_log(t->context, ERN_LOG_WARNING,
+            "%s: torso_motion is no, but it was trained with the body's motion, and goes on with it: only a new "
+            "training is without",
+            path);
   if (!model->has_motion && t->model->has_motion)
     ern_log(t->context, ERN_LOG_INFO, "%s: was trained without the body's motion, and goes on without", path);
   return ern_trainer_motion_set(t, model->has_motion && t->data.has_torso_motion);

@@ -441,7 +441,7 @@ ern_status ern_trainer_resume(struct ern_trainer_state *state, bool *resumed) {
   describe(state, &here);
   ERN_TRY(ern_state_about_check(t, best.path, &best.about, &here, &best.model->view));
   ERN_TRY(ern_trainer_motion_follow(t, best.model, best.path, true));
-  ern_trainer_fade_follow(t, best.model);
+  ern_trainer_fade_follow(t, best.model, best.path);
   ERN_TRY(take_state(state, &best.file, best.path, &best.about, best.model));
   ern_trainer_keep_consent(t, best.model);
   state->fine->from = best.about.fine_from;
@@ -547,7 +547,7 @@ ern_status ern_trainer_take_file(struct ern_trainer_state *state, const char *pa
   ERN_TRY(ern_trainer_check_view(t, path, &c.model->view, c.model->field.config.torso, false));
   if (t->config.torso && t->model->cameras == 0 && !foreign) ERN_TRY(ern_trainer_copy_camera(t->model, c.model));
   ERN_TRY(ern_trainer_motion_follow(t, c.model, path, false));
-  if (t->config.head == NULL) ern_trainer_fade_follow(t, c.model);
+  if (t->config.head == NULL) ern_trainer_fade_follow(t, c.model, path);
   ERN_TRY(take_over(t, path, &c.model));
   const char *text = ern_tensor_file_metadata(&c.file, "ernerf.state");
   if (text != NULL) {

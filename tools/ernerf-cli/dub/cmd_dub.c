@@ -47,7 +47,7 @@ struct dub_job {
   size_t rest;           /* frames of the output after the words, as recorded */
   float *windows;
   struct dubbed_frame dubbed;
-  bool in_place;      /* outside `region` the recorded pixels are coded as they were decoded */
+  bool in_place;      /* outside `region` the recorded pixels of a plain frame are coded as they were decoded */
   int region[4];      /* x, y, width, height of what is composed, pixels of the video: the box, or all */
   ern_image recorded; /* the region of a recorded frame */
   size_t left;        /* frames that were left as recorded */
@@ -174,13 +174,13 @@ static int open_sound(struct dub_job *job) {
   return ern_sound_read(session->context, job->audio, &job->sound) == ERN_OK ? 0 : session_fail(session);
 }
 
-/* What is composed: with a label or a watermark, and where a frame is not coded as it was decoded, all of it. Else its
- * box (choose_box). */
-static void choose_region(struct dub_job *job) {
+/* Whether this frame, which may have another form than the one before, is coded as it was decoded, and its box is
+ * composed (choose_box); else all of it is. */
+static bool is_in_place(struct dub_job *job, const ern_video_frame *recorded) {
   const ern_video_info *info = &job->video.info;
-  job->in_place = ern_video_frame_is_plain(job->video.window[0].frame) && sink_takes_recorded(&job->sink) &&
-                  job->label.pixels == NULL && job->watermark.pattern == NULL;
+  if (job->in_place && ern_video_frame_is_plain(recorded)) return true;
   memcpy(job->region, (const int[4]){0, 0, info->width, info->height}, sizeof job->region);
+  return false;
 }
 
 static int open_all(struct dub_job *job, const struct args *args) {
@@ -214,7 +214,7 @@ static int open_all(struct dub_job *job, const struct args *args) {
   if (info->other_streams[0] != 0)
     session_warn(session, "%s: %s: not in the output, which has the recorded pictures and one sound", job->video_path,
                  info->other_streams);
-  choose_region(job);
+  job->in_place = sink_takes_recorded(&job->sink) && job->label.pixels == NULL && job->watermark.pattern == NULL;
   job->sink.pixel_aspect = info->pixel_aspect;
   return sink_open(&job->sink, session, info->width, info->height, job->rate, &portrait->info,
                    job->spliced.data != NULL ? &job->spliced : &job->sound, frame_source_seconds(&job->frame_source, 0),
@@ -281,8 +281,8 @@ static int choose_box(struct dub_job *job, size_t k) {
 }
 
 /* The region of a recorded frame, into job->recorded. */
-static int read_region(struct dub_job *job, const ern_video_frame *recorded) {
-  return recorded_video_rgb(&job->video, &job->session, recorded, job->in_place ? job->region : NULL, &job->recorded);
+static int read_region(struct dub_job *job, const ern_video_frame *recorded, bool in_place) {
+  return recorded_video_rgb(&job->video, &job->session, recorded, in_place ? job->region : NULL, &job->recorded);
 }
 
 static int draw(struct dub_job *job, size_t k, const ern_video_frame *recorded) {
@@ -290,15 +290,16 @@ static int draw(struct dub_job *job, size_t k, const ern_video_frame *recorded) 
   ern_frame_output output;
   const struct frame_source *clip = &job->clip_frames;
   job->shown = frame_source_between(clip->source_frame, recorded_video_place(&job->video, clip->count), k);
-  if (job->in_place && choose_box(job, k) != 0) return EXIT_FAILURE;
+  const bool in_place = is_in_place(job, recorded);
+  if (in_place && choose_box(job, k) != 0) return EXIT_FAILURE;
   const bool any = job->region[2] > 0;
-  if (any && read_region(job, recorded) != 0) return EXIT_FAILURE;
+  if (any && read_region(job, recorded, in_place) != 0) return EXIT_FAILURE;
   if (sink_next(&job->sink, session, &output) != 0) return EXIT_FAILURE;
   if (any && compose(job, k, output.rgba) != ERN_OK)
     return session_fail_with(session, "frame %zu: %s", k, ern_last_error(session->context));
   const bool drawn = any && job->dubbed.box[2] > 0;
   job->left += !drawn;
-  if (job->in_place) return sink_put_patched(&job->sink, session, recorded, drawn ? job->region : (const int[4]){0});
+  if (in_place) return sink_put_patched(&job->sink, session, recorded, drawn ? job->region : (const int[4]){0});
   if (watermark_put(&job->watermark, session, output.rgba) != 0) return EXIT_FAILURE;
   label_put(&job->label, seconds_of(job, k), output.rgba, job->video.info.width);
   sink_put(&job->sink, job->frame_source.source_frame[k].number);
@@ -310,8 +311,9 @@ static int copy_recorded(struct dub_job *job, size_t k, const ern_video_frame *r
   struct session *session = &job->session;
   ern_frame_output output;
   if (sink_next(&job->sink, session, &output) != 0) return EXIT_FAILURE;
-  if (job->in_place) return sink_put_patched(&job->sink, session, recorded, (const int[4]){0});
-  if (read_region(job, recorded) != 0) return EXIT_FAILURE;
+  const bool in_place = is_in_place(job, recorded);
+  if (in_place) return sink_put_patched(&job->sink, session, recorded, (const int[4]){0});
+  if (read_region(job, recorded, in_place) != 0) return EXIT_FAILURE;
   const size_t pixels = (size_t)job->recorded.width * (size_t)job->recorded.height;
   for (size_t i = 0; i < pixels; i++) {
     memcpy(output.rgba + 4 * i, job->recorded.data + 3 * i, 3);

@@ -118,13 +118,15 @@ static int check_usage(struct serve_job *serve, const struct args *args) {
 /* The first line of a file, so that no list of processes shows it. */
 static int read_token(struct session *session, const char *path, char token[TOKEN_BYTES]) {
   FILE *file = fopen(path, "r");
-  const bool read = file != NULL && fgets(token, TOKEN_BYTES, file) != NULL;
+  const size_t count = file != NULL ? fread(token, 1, TOKEN_BYTES - 1, file) : 0;
   if (file != NULL) (void)fclose(file);
-  if (!read) return session_fail_with(session, "%s: cannot be read, expected a line with a token", path);
-  token[strcspn(token, "\r\n")] = 0;
-  const size_t bytes = strlen(token);
-  bool plain = bytes >= TOKEN_LEAST && bytes < TOKEN_BYTES - 1;
-  for (size_t i = 0; i < bytes; i++) plain = plain && isgraph((unsigned char)token[i]);
+  if (count == 0) return session_fail_with(session, "%s: cannot be read, expected a line with a token", path);
+  token[count] = 0;
+  size_t bytes = 0;
+  while (bytes < count && isgraph((unsigned char)token[bytes])) bytes++;
+  const bool ends = bytes == count || token[bytes] == '\n' || token[bytes] == '\r', /* not at a zero byte */
+      plain = ends && bytes >= TOKEN_LEAST && bytes < TOKEN_BYTES - 1;
+  token[bytes] = 0;
   if (plain) return 0;
   return session_fail_with(session,
                            "%s: its first line is no token: expected %d to %d visible ASCII characters; `openssl rand "
