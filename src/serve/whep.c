@@ -74,7 +74,8 @@ static bool open_library(struct ern_http_server *server) {
   const struct ern_webrtc_functions *found = library != NULL ? dlsym(library, "ern_webrtc_functions") : NULL;
   if (found == NULL || strcmp(found->version, server->version) != 0) return false;
   server->webrtc_functions = found;
-  server->webrtc = found->open(&events, server->options.stun);
+  server->webrtc = found->open(&events, &(struct ern_webrtc_options){server->options.stun, server->options.first_port,
+                                                                     server->options.last_port});
   return server->webrtc != NULL;
 }
 

@@ -579,6 +579,7 @@ def test_words():
             (["--say-token", "gone"], 1, "gone: cannot be read"), (["--name", "../x"], 2, '--name is "../x"'),
             (["--viewers", "300"], 2, "--connections is 256"), (["--stun", "example.org"], 2, "expected stun://HOST:PORT"),
             (["--stun", "stun://example.org:3478/x"], 2, "expected stun://HOST:PORT"),
+            *((["--udp-ports", ports], 2, f'--udp-ports is "{ports}"') for ports in ("5", "7-5", "0-5", "1-65536", " 1-2", "1-2-3", "1-x")),
             (["--voice", "de"], 2, "is espeak-ng's"), (["--listen", "127.0.0.300"], 1, "127.0.0.300"), (["--frames", "0:3"], 2, "video"),
             (["--json", "x.json"], 2, "--json has nothing"), (["-y"], 2, "changes nothing")]
     for words, expected, what in rows:

@@ -18,6 +18,7 @@ enum { WEBRTC_REASON = 512, SOUND_RATE = 48000 };
 struct ern_webrtc {
   struct ern_webrtc_events events;
   char *stun; /* NULL: none */
+  int first_port, last_port;
   GMainContext *context;
   GMainLoop *loop;
   pthread_t thread;
@@ -25,6 +26,7 @@ struct ern_webrtc {
   /* the thread's */
   bool is_ready; /* GStreamer has all that is needed */
   struct ern_webrtc_viewer *viewers;
+  gint64 joins; /* microseconds of GLib's monotonic clock: when all that came would have been made at an even pace */
 };
 
 struct ern_webrtc_source {
