@@ -151,6 +151,7 @@ static struct ern_webrtc_source *add(struct ern_webrtc *w) {
   s->webrtc = w;
   atomic_store(&s->users, 1);
   (void)pthread_mutex_init(&s->mutex, NULL); /* does not fail on Linux */
+  (void)pthread_mutex_init(&s->fed_mutex, NULL);
   return s;
 }
 

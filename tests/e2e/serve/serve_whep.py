@@ -52,12 +52,13 @@ class Viewer:
 
 
 def check_playing(viewer, pictures, what):
-    until(lambda: len(viewer.seen("picture")) > pictures and len(viewer.seen("sound")) > 2 * pictures, f"{what}: pictures and sound")
+    until(lambda: len(viewer.seen("picture")) > pictures and len(viewer.seen("sound")) > pictures, f"{what}: pictures and sound")
     times = [row[0] for row in viewer.seen("picture")]
     steps = sorted(b - a for a, b in zip(times, times[1:]))
-    check(0 < steps[0] and abs(steps[len(steps) // 2] - 0.04) < 0.02, f"{what}: steps of pictures {steps}") # it evens out jitter
+    middle = steps[len(steps) // 2]  # it evens out jitter, and gives those that come late together the same time
+    check(steps[0] >= 0 and abs(middle - 0.04) < 0.02, f"{what}: steps of pictures {steps[:9]}... {middle}")
     check(all(row[2:] == (32, 32) for row in viewer.seen("picture")), f"{what}: sizes {viewer.seen('picture')[0]}")
-    check(all(row[2] == 960 for row in viewer.seen("sound")[1:]), f"{what}: packets of sound {viewer.seen('sound')[:5]}")
+    check(all(row[2] == 1920 for row in viewer.seen("sound")[1:]), f"{what}: packets of sound {viewer.seen('sound')[:5]}")
 
 
 def sound_of(folder):
@@ -210,7 +211,9 @@ def main():
     if not any(os.path.exists(f"/sys/class/net/{name}/address") for name in os.listdir("/sys/class/net") if name != "lo"):
         print("serve_whep: skipped: the machine has no network but the loopback")
         sys.exit(77)
+    os.environ["GST_DEBUG"] = "rtpsession:2"  # of the server, on its standard error
     with Server(*BASE, *QUICK, "--viewers", "4") as server:
+        del os.environ["GST_DEBUG"]
         first = test_play(server)
         test_session_ends(server)
         first.leave()
@@ -218,6 +221,7 @@ def main():
         last = Viewer(server)
         check_playing(last, 5, "a viewer at the server's end")
     last.process.send_signal(signal.SIGKILL)
+    check("determine running time" not in server.text(), "RTCP does not tell the times of packets")
     test_stun(first.offer)
     test_ports(first.offer)
     test_no_elements()
