@@ -144,7 +144,7 @@ enum MHD_Result whep_end(struct request *r) {
   if (!open_library(r->server))
     return answer_error(r, MHD_HTTP_NOT_IMPLEMENTED,
                         "no WebRTC here: expected libernerf-webrtc beside libernerf-serve, and GStreamer (Debian: "
-                        "gstreamer1.0-plugins-bad, -good, gstreamer1.0-nice)");
+                        "libernerf-webrtc0)");
   serve_lock(r->server);
   if (r->stream->broadcast.head.count == 0 && !r->stream->removed && serve_wait(r, WAITS_PART)) {
     serve_unlock(r->server);
