@@ -19,6 +19,7 @@ static enum MHD_Result finish(struct request *r, unsigned status, const char *ty
   if (r->server->options.origin != NULL) (void)MHD_add_response_header(response, "Vary", "Origin");
   if (origin != NULL) (void)MHD_add_response_header(response, "Access-Control-Allow-Origin", origin);
   if (status == MHD_HTTP_UNAUTHORIZED) (void)MHD_add_response_header(response, "WWW-Authenticate", "Bearer");
+  if (status == MHD_HTTP_TOO_MANY_REQUESTS) (void)MHD_add_response_header(response, "Retry-After", "1");
   const enum MHD_Result done = MHD_queue_response(r->connection, status, response);
   MHD_destroy_response(response);
   return done;

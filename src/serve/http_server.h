@@ -39,6 +39,7 @@ struct ern_http_options {
   const char *say_token, *watch_token; /* NULL: anybody may */
   unsigned connections, viewers;       /* most of each, of all sessions together */
   const char *stun;                    /* of viewers by WebRTC: "stun://HOST:PORT"; NULL: none */
+  int first_port, last_port;           /* of UDP, for viewers by WebRTC; 0: those that the system chooses */
   struct ern_http_keeper keeper;
   double patience; /* seconds that a request may take to come, and that a connection may stand still */
 };

@@ -74,7 +74,8 @@ static bool open_library(struct ern_http_server *server) {
   const struct ern_webrtc_functions *found = library != NULL ? dlsym(library, "ern_webrtc_functions") : NULL;
   if (found == NULL || strcmp(found->version, server->version) != 0) return false;
   server->webrtc_functions = found;
-  server->webrtc = found->open(&events, server->options.stun);
+  server->webrtc = found->open(&events, &(struct ern_webrtc_options){server->options.stun, server->options.first_port,
+                                                                     server->options.last_port});
   return server->webrtc != NULL;
 }
 
@@ -143,7 +144,7 @@ enum MHD_Result whep_end(struct request *r) {
   if (!open_library(r->server))
     return answer_error(r, MHD_HTTP_NOT_IMPLEMENTED,
                         "no WebRTC here: expected libernerf-webrtc beside libernerf-serve, and GStreamer (Debian: "
-                        "gstreamer1.0-plugins-bad, -good, gstreamer1.0-nice)");
+                        "libernerf-webrtc0)");
   serve_lock(r->server);
   if (r->stream->broadcast.head.count == 0 && !r->stream->removed && serve_wait(r, WAITS_PART)) {
     serve_unlock(r->server);

@@ -248,11 +248,11 @@ static int set_head_options(const ern_stream_writer *w, AVDictionary **options) 
   const char *muxer = w->form->muxer;
   int error = 0;
   if (strcmp(muxer, "mp4") == 0) {
-    error =
-        av_dict_set(options, "movflags",
-                    w->target == TARGET_CALL ? "+empty_moov+delay_moov+default_base_moof+use_metadata_tags+frag_custom"
-                                             : "+empty_moov+delay_moov+default_base_moof+use_metadata_tags",
-                    0);
+    error = av_dict_set(options, "movflags", "+empty_moov+delay_moov+default_base_moof+use_metadata_tags", 0);
+    if (error >= 0 && !file) /* else FFmpeg keeps a table of all fragments, 7 MB in an hour, for the end of the file */
+      error = av_dict_set(options, "movflags", "+skip_trailer", AV_DICT_APPEND);
+    if (error >= 0 && w->target == TARGET_CALL)
+      error = av_dict_set(options, "movflags", "+frag_custom", AV_DICT_APPEND);
     if (error >= 0 && w->target != TARGET_CALL)
       error = av_dict_set_int(options, "frag_duration", file ? FILE_FRAGMENT : FRAGMENT, 0);
   }

@@ -21,10 +21,15 @@ struct ern_webrtc_events {
   void (*ended)(void *user);
 };
 
+struct ern_webrtc_options {
+  const char *stun;          /* the address of a STUN server, "stun://HOST:PORT"; NULL: none */
+  int first_port, last_port; /* of UDP; 0: those that the system chooses */
+};
+
 struct ern_webrtc_functions {
   const char *version; /* of the library: "0.1.0" */
-  /* Starts the thread. stun: the address of a STUN server, "stun://HOST:PORT"; NULL: none. NULL without memory. */
-  struct ern_webrtc *(*open)(const struct ern_webrtc_events *events, const char *stun);
+  /* Starts the thread. NULL without memory. */
+  struct ern_webrtc *(*open)(const struct ern_webrtc_events *events, const struct ern_webrtc_options *options);
   /* Ends all viewers. The sources were removed before. */
   void (*close)(struct ern_webrtc **webrtc);
   struct ern_webrtc_source *(*add)(struct ern_webrtc *webrtc); /* NULL without memory */

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  * What the files of libernerf-webrtc share. Viewers are made, looked at and ended on the library's own thread; the
- * caller's threads hand over pictures and sound. A source's lock guards its list of viewers and what they are fed. */
+ * caller's threads hand over pictures and sound, and two threads of each source send its packets to all viewers. */
 #ifndef ERN_SERVE_WEBRTC_SHARED_H
 #define ERN_SERVE_WEBRTC_SHARED_H
 
@@ -18,6 +18,7 @@ enum { WEBRTC_REASON = 512, SOUND_RATE = 48000 };
 struct ern_webrtc {
   struct ern_webrtc_events events;
   char *stun; /* NULL: none */
+  int first_port, last_port;
   GMainContext *context;
   GMainLoop *loop;
   pthread_t thread;
@@ -25,17 +26,27 @@ struct ern_webrtc {
   /* the thread's */
   bool is_ready; /* GStreamer has all that is needed */
   struct ern_webrtc_viewer *viewers;
+  gint64 joins; /* microseconds of GLib's monotonic clock: when all that came would have been made at an even pace */
 };
 
 struct ern_webrtc_source {
   struct ern_webrtc *webrtc;
   atomic_uint users; /* the caller, and each viewer */
   atomic_bool removed;
+  unsigned watched; /* viewers that are not ended; of the library's thread */
   pthread_mutex_t mutex;
-  struct ern_webrtc_viewer *fed; /* guarded: viewers that have pictures and sound, or soon get them */
-  unsigned watched;              /* viewers that are not ended; of the library's thread */
-  GstElement *coder;             /* of sound, while somebody watches; guarded */
-  GstElement *coder_in;
+  GstElement *packer; /* makes packets of RTP of pictures and sound, while somebody watches; guarded by mutex */
+  GstElement *pictures, *sounds; /* where they go in; likewise */
+  bool has_key;                  /* a key frame went in; likewise */
+  pthread_mutex_t fed_mutex;
+  struct ern_webrtc_viewer *fed; /* guarded by fed_mutex: viewers that have packets, or soon get them */
+};
+
+/* A viewer's media. */
+struct webrtc_track {
+  GstPad *pad; /* from which its packets are pushed; NULL: the offer has none */
+  guint8 type; /* of the payload, as the offer numbers it */
+  guint32 ssrc;
 };
 
 enum viewer_step { VIEWER_GATHERS, VIEWER_CONNECTS, VIEWER_WATCHES };
@@ -50,8 +61,8 @@ struct ern_webrtc_viewer {
   enum viewer_step step;
   _Atomic gint64 since; /* microseconds of GLib's monotonic clock: when the step began, or it last sent a report */
   GstElement *pipeline, *peer;
-  GstElement *picture, *sound; /* appsrc; sound NULL: the offer has none */
-  /* guarded by the source's lock */
+  struct webrtc_track picture, sound;
+  /* guarded by the source's fed_mutex */
   bool begun;         /* it has had a key frame */
   GstClockTime first; /* time of the stream of that frame */
   GstClockTime shift; /* what is added to times of the stream, modulo 2^64 */
@@ -82,14 +93,12 @@ void webrtc_viewer_close(struct ern_webrtc_viewer *viewer);
 
 /* ---- webrtc_source.c ---- */
 
-/* From now on the viewer is fed, from a key frame on. False: there is no coder of sound. */
+/* From now on the viewer is fed, from a key frame on. False: nothing can make packets. */
 bool webrtc_source_feed(struct ern_webrtc_source *source, struct ern_webrtc_viewer *viewer);
 void webrtc_source_starve(struct ern_webrtc_source *source, struct ern_webrtc_viewer *viewer);
 void webrtc_source_picture(struct ern_webrtc_source *source, const void *avcc, size_t avcc_bytes, const void *unit,
                            size_t bytes, bool key, double seconds);
 void webrtc_source_sound(struct ern_webrtc_source *source, const float *samples, size_t frames, double seconds);
-/* Of pictures; avcc: NULL, or what the decoder needs first. */
-GstCaps *webrtc_picture_caps(GstBuffer *avcc);
 void webrtc_source_release(struct ern_webrtc_source *source);
 
 #endif

@@ -6,7 +6,7 @@
 
 #include "serve/webrtc/webrtc_shared.h"
 
-enum { LOOK_MS = 50, CREATED = 201, MISSING = 501 };
+enum { LOOK_MS = 50, BUSY = 503, MISSING = 501 };
 
 /* ---- the thread -------------------------------------------------------------------------------------------------- */
 
@@ -40,14 +40,23 @@ static bool is_ready(struct ern_webrtc *w, char reason[WEBRTC_REASON]) {
   return true;
 }
 
+/* No address was found in time. */
+static void answer_without(struct ern_webrtc_viewer *v) {
+  const struct ern_webrtc *w = v->source->webrtc;
+  char ports[WEBRTC_REASON];
+  snprintf(ports, sizeof ports, "no port from %d to %d (--udp-ports) is free, or the server stops", w->first_port,
+           w->last_port);
+  w->events.answered(v->user, BUSY,
+                     w->first_port > 0 ? ports : "the server found no address of its own in time, or stops");
+}
+
 /* Ends the viewer; `place` is what points to it. */
 static void finish(struct ern_webrtc_viewer **place) {
   struct ern_webrtc_viewer *v = *place;
   struct ern_webrtc *w = v->source->webrtc;
   *place = v->following;
   webrtc_viewer_close(v);
-  if (v->step == VIEWER_GATHERS)
-    w->events.answered(v->user, 503, "the server found no address of its own in time, or stops");
+  if (v->step == VIEWER_GATHERS) answer_without(v);
   w->events.ended(v->user);
   webrtc_source_release(v->source);
   g_free(v->offer);
@@ -117,11 +126,14 @@ static void close_webrtc(struct ern_webrtc **gone) {
   *gone = NULL;
 }
 
-static struct ern_webrtc *open_webrtc(const struct ern_webrtc_events *events, const char *stun) {
+static struct ern_webrtc *open_webrtc(const struct ern_webrtc_events *events,
+                                      const struct ern_webrtc_options *options) {
   struct ern_webrtc *w = calloc(1, sizeof *w);
   if (w == NULL) return NULL;
   w->events = *events;
-  w->stun = g_strdup(stun);
+  w->stun = g_strdup(options->stun);
+  w->first_port = options->first_port;
+  w->last_port = options->last_port;
   w->context = g_main_context_new();
   w->loop = g_main_loop_new(w->context, FALSE);
   GSource *timer = g_timeout_source_new(LOOK_MS);
@@ -139,6 +151,7 @@ static struct ern_webrtc_source *add(struct ern_webrtc *w) {
   s->webrtc = w;
   atomic_store(&s->users, 1);
   (void)pthread_mutex_init(&s->mutex, NULL); /* does not fail on Linux */
+  (void)pthread_mutex_init(&s->fed_mutex, NULL);
   return s;
 }
 

@@ -8,8 +8,9 @@
 #include "serve/webrtc/webrtc_shared.h"
 
 enum {
-  QUEUED_BYTES = 4 << 20, /* what a viewer that takes nothing may have before it is dropped */
+  JOINS = 10, /* viewers that are made in a second */
   BAD_REQUEST = 400,
+  TOO_MANY = 429,
   BROKEN = 500
 };
 
@@ -19,47 +20,51 @@ static const gint64 patience[] = {[VIEWER_GATHERS] = 5 * G_USEC_PER_SEC,
 
 /* ---- opening ----------------------------------------------------------------------------------------------------- */
 
-static GstElement *add_source(GstElement *pipeline, const char *name, GstCaps *caps) {
-  GstElement *made = gst_element_factory_make("appsrc", name);
-  if (made != NULL) {
-    g_object_set(made, "is-live", TRUE, "format", GST_FORMAT_TIME, "block", FALSE, "max-bytes", (guint64)0, "caps",
-                 caps, NULL);
-    (void)gst_bin_add(GST_BIN(pipeline), made);
-  }
-  gst_caps_unref(caps);
-  return made;
+/* The times of RTCP need the latency of what the packets come from: none. */
+static gboolean answer_query(GstPad *pad, GstObject *parent, GstQuery *query) {
+  if (GST_QUERY_TYPE(query) != GST_QUERY_LATENCY) return gst_pad_query_default(pad, parent, query);
+  gst_query_set_latency(query, TRUE, 0, GST_CLOCK_TIME_NONE);
+  return TRUE;
 }
 
-/* From `source` through the payloader `kind` to the peer's media of that number. */
-static bool link_track(struct ern_webrtc_viewer *v, GstElement *source, const char *kind, GstCaps *rtp, int line) {
-  GstElement *pay = gst_element_factory_make(kind, NULL), *filter = gst_element_factory_make("capsfilter", NULL);
+static GstPad *open_pad(GstPad *to, GstCaps *rtp) {
+  GstPad *pad = gst_pad_new(NULL, GST_PAD_SRC);
+  GstSegment segment;
+  gst_segment_init(&segment, GST_FORMAT_TIME);
+  gst_pad_set_query_function(pad, answer_query);
+  (void)gst_pad_set_active(pad, TRUE);
+  if (gst_pad_link(pad, to) != GST_PAD_LINK_OK) {
+    gst_object_unref(pad);
+    return NULL;
+  }
+  (void)gst_pad_push_event(pad, gst_event_new_stream_start(GST_PAD_NAME(pad)));
+  (void)gst_pad_push_event(pad, gst_event_new_caps(rtp));
+  (void)gst_pad_push_event(pad, gst_event_new_segment(&segment));
+  return pad;
+}
+
+/* The peer's media of that number. */
+static bool open_track(struct ern_webrtc_viewer *v, struct webrtc_track *track, GstCaps *rtp, int line) {
   char name[32];
   int type = 0;
   snprintf(name, sizeof name, "sink_%d", line);
   (void)gst_structure_get_int(gst_caps_get_structure(rtp, 0), "payload", &type);
-  GstCaps *only = gst_caps_new_simple("application/x-rtp", "payload", G_TYPE_INT, type, NULL);
-  const guint32 ssrc = g_random_int(); /* known now, so that the answer says whose lost packets are sent again */
-  g_object_set(pay, "pt", type, "ssrc", ssrc, NULL);
-  gst_caps_set_simple(rtp, "ssrc", G_TYPE_UINT, ssrc, NULL);
-  g_object_set(filter, "caps", only, NULL);
-  gst_caps_unref(only);
-  if (strcmp(kind, "rtph264pay") == 0)
-    g_object_set(pay, "config-interval", -1, NULL); /* SPS and PPS before each key frame */
-  gst_bin_add_many(GST_BIN(v->pipeline), pay, filter, NULL);
+  track->type = (guint8)type;
+  track->ssrc = g_random_int(); /* known now, so that the answer says whose lost packets are sent again */
+  gst_caps_set_simple(rtp, "ssrc", G_TYPE_UINT, track->ssrc, NULL);
   GstPadTemplate *form = gst_element_get_pad_template(v->peer, "sink_%u");
-  GstPad *to = gst_element_request_pad(v->peer, form, name, rtp), *from = gst_element_get_static_pad(filter, "src");
-  const bool linked =
-      to != NULL && gst_element_link_many(source, pay, filter, NULL) && gst_pad_link(from, to) == GST_PAD_LINK_OK;
+  GstPad *to = gst_element_request_pad(v->peer, form, name, rtp);
   GstWebRTCRTPTransceiver *transceiver = NULL;
-  if (to != NULL) g_object_get(to, "transceiver", &transceiver, NULL);
+  if (to == NULL) return false;
+  track->pad = open_pad(to, rtp);
+  g_object_get(to, "transceiver", &transceiver, NULL);
   if (transceiver != NULL) {
     g_object_set(transceiver, "direction", GST_WEBRTC_RTP_TRANSCEIVER_DIRECTION_SENDONLY, "codec-preferences", rtp,
                  "do-nack", TRUE, NULL);
     gst_object_unref(transceiver);
   }
-  gst_object_unref(from);
-  if (to != NULL) gst_object_unref(to);
-  return linked;
+  gst_object_unref(to);
+  return track->pad != NULL;
 }
 
 /* Calls the peer's action and waits for its reply; *reply: NULL, or where it goes. False: it has failed. */
@@ -106,16 +111,17 @@ static bool answer(struct ern_webrtc_viewer *v, char reason[WEBRTC_REASON]) {
 }
 
 static bool make_peer(struct ern_webrtc_viewer *v) {
-  const char *stun = v->source->webrtc->stun;
+  const struct ern_webrtc *w = v->source->webrtc;
   GObject *ice = NULL, *agent = NULL;
   v->pipeline = gst_pipeline_new(NULL);
   v->peer = gst_element_factory_make("webrtcbin", NULL);
   if (v->pipeline == NULL || v->peer == NULL || !gst_bin_add(GST_BIN(v->pipeline), v->peer)) return false;
   gst_util_set_object_arg(G_OBJECT(v->peer), "bundle-policy", "max-bundle");
-  if (stun != NULL) g_object_set(v->peer, "stun-server", stun, NULL);
+  if (w->stun != NULL) g_object_set(v->peer, "stun-server", w->stun, NULL);
   g_object_get(v->peer, "ice-agent", &ice, NULL);
   if (ice != NULL) {
     g_object_set(ice, "ice-tcp", FALSE, NULL);
+    if (w->first_port > 0) g_object_set(ice, "min-rtp-port", w->first_port, "max-rtp-port", w->last_port, NULL);
     g_object_get(ice, "agent", &agent, NULL);
     g_object_unref(ice);
   }
@@ -129,10 +135,23 @@ static bool make_peer(struct ern_webrtc_viewer *v) {
   return gst_element_set_state(v->pipeline, GST_STATE_PLAYING) != GST_STATE_CHANGE_FAILURE;
 }
 
+/* Making a viewer takes 7 ms of a core, 50 times another request: a burst of JOINS, else so many in a second. */
+static bool may_join(struct ern_webrtc *w) {
+  const gint64 now = g_get_monotonic_time(), step = G_USEC_PER_SEC / JOINS, at = MAX(w->joins, now);
+  if (at > now + (JOINS - 1) * step) return false;
+  w->joins = at + step;
+  return true;
+}
+
 bool webrtc_viewer_open(struct ern_webrtc_viewer *v, unsigned *status, char reason[WEBRTC_REASON]) {
   struct webrtc_offer offer;
   *status = BAD_REQUEST;
   bool done = webrtc_offer_read(&offer, v->offer, v->avcc, reason);
+  if (done && !may_join(v->source->webrtc)) {
+    *status = TOO_MANY;
+    snprintf(reason, WEBRTC_REASON, "more than %d viewers by WebRTC have come within a second", JOINS);
+    done = false;
+  }
   if (done) {
     *status = BROKEN;
     snprintf(reason, WEBRTC_REASON, "no peer could be made");
@@ -144,15 +163,9 @@ bool webrtc_viewer_open(struct ern_webrtc_viewer *v, unsigned *status, char reas
   }
   if (done) {
     snprintf(reason, WEBRTC_REASON, "the offer: no track could be made for it");
-    v->picture = add_source(v->pipeline, "picture", webrtc_picture_caps(NULL));
-    done = v->picture != NULL && link_track(v, v->picture, "rtph264pay", offer.picture, offer.picture_line);
+    done = open_track(v, &v->picture, offer.picture, offer.picture_line);
   }
-  if (done && offer.sound != NULL) {
-    v->sound = add_source(v->pipeline, "sound",
-                          gst_caps_new_simple("audio/x-opus", "channel-mapping-family", G_TYPE_INT, 0, "channels",
-                                              G_TYPE_INT, 1, "rate", G_TYPE_INT, SOUND_RATE, NULL));
-    done = v->sound != NULL && link_track(v, v->sound, "rtpopuspay", offer.sound, offer.sound_line);
-  }
+  if (done && offer.sound != NULL) done = open_track(v, &v->sound, offer.sound, offer.sound_line);
   done = done && answer(v, reason);
   if (done && gst_element_set_state(v->pipeline, GST_STATE_PLAYING) == GST_STATE_CHANGE_FAILURE) done = false;
   webrtc_offer_free(&offer);
@@ -229,18 +242,18 @@ bool webrtc_viewer_look(struct ern_webrtc_viewer *v) {
     v->step = VIEWER_WATCHES;
     atomic_store(&v->since, g_get_monotonic_time());
     await_reports(v);
+    (void)gst_bin_recalculate_latency(GST_BIN(v->pipeline)); /* else RTCP does not tell the time of packets exactly */
     return webrtc_source_feed(v->source, v);
   }
-  if (v->step == VIEWER_WATCHES && gst_app_src_get_current_level_bytes(GST_APP_SRC(v->picture)) > QUEUED_BYTES)
-    return false;
   return g_get_monotonic_time() < atomic_load(&v->since) + patience[v->step];
 }
 
 void webrtc_viewer_close(struct ern_webrtc_viewer *v) {
+  if (v->pipeline != NULL) (void)gst_element_set_state(v->pipeline, GST_STATE_NULL); /* ends what is being sent to it */
   webrtc_source_starve(v->source, v);
-  if (v->pipeline != NULL) {
-    (void)gst_element_set_state(v->pipeline, GST_STATE_NULL);
-    gst_object_unref(v->pipeline);
-  }
-  v->pipeline = v->peer = v->picture = v->sound = NULL;
+  if (v->picture.pad != NULL) gst_object_unref(v->picture.pad);
+  if (v->sound.pad != NULL) gst_object_unref(v->sound.pad);
+  if (v->pipeline != NULL) gst_object_unref(v->pipeline);
+  v->pipeline = v->peer = NULL;
+  v->picture.pad = v->sound.pad = NULL;
 }

@@ -28,10 +28,10 @@ LOOK = """(() => { const v = document.getElementById('video'), c = document.crea
 class Browser:
     """A page of Chromium, over the DevTools protocol."""
 
-    def __init__(self, program):
+    def __init__(self, program, *more):
         profile = os.path.join(FOLDER, "profile")
         words = ["--headless=new", "--no-sandbox", "--disable-gpu", "--remote-debugging-port=0", "--autoplay-policy=no-user-gesture-required",
-                 "--use-fake-ui-for-media-stream", "--use-fake-device-for-media-stream", f"--user-data-dir={profile}", "about:blank"]
+                 "--use-fake-ui-for-media-stream", "--use-fake-device-for-media-stream", f"--user-data-dir={profile}", *more, "about:blank"]
         self.process = subprocess.Popen([program, *words], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         port = until(lambda: self.read(os.path.join(profile, "DevToolsActivePort")), "Chromium's port").split()[0]
         pages = json.load(urllib.request.urlopen(f"http://127.0.0.1:{port}/json"))
@@ -98,8 +98,10 @@ def click(page, name):
     page.run(f"document.getElementById('{name}').click()")
 
 
-def test_page(server, page, offers):
-    page.call("Page.navigate", url=f"http://127.0.0.1:{server.port}/")
+def test_page(server, page, offers, address=None):
+    page.call("Page.navigate", url=address or f"http://127.0.0.1:{server.port}/")
+    until(lambda: page.run("document.getElementById('token') !== null"), "the page")
+    page.run(f"document.getElementById('token').value = '{server.token or ''}'")
     until(lambda: (page.run(LOOK) or {}).get("sessions"), "the page's list of sessions")
     click(page, "watch")
     plays(page, offers, "the page's first choice")
@@ -140,4 +142,5 @@ def main():
     print(f"serve_page: plays {'by WebRTC and ' if offers else ''}as mp4, says a text, passes on the microphone, stops")
 
 
-main()
+if __name__ == "__main__":
+    main()

@@ -13,7 +13,7 @@
 
 enum {
   IN_OPTIONS = 3,
-  OUT_OPTIONS = 12,
+  OUT_OPTIONS = 13,
   TOKEN_LEAST = 16,
   TOKEN_BYTES = 512,
   LOOK_MS = 50,
@@ -23,7 +23,7 @@ enum {
 struct serve_job {
   struct live_job live; /* the options of every session, and the program's own session */
   const char *models[SERVE_PORTRAITS];
-  const char *say_file, *watch_file;
+  const char *say_file, *watch_file, *udp_ports;
   int viewers, connections;
   struct ern_http_options http_options;
   char say_token[TOKEN_BYTES], watch_token[TOKEN_BYTES];
@@ -68,6 +68,8 @@ static void out_options(struct serve_job *serve, struct option options[OUT_OPTIO
        .help = "most connections, those of viewers among them (default 256)"},
       {ARGS_TEXT("stun", &http->stun), .choices = "stun://HOST:PORT",
        .help = "server that tells viewers by WebRTC the server's own address behind a router (default: none)"},
+      {ARGS_TEXT("udp-ports", &serve->udp_ports), .choices = "FIRST-LAST",
+       .help = "ports for viewers by WebRTC, such as 50000-50199 (default: those that the system chooses)"},
       {ARGS_TEXT("record", &serve->keeper.record), .choices = "FOLDER",
        .help = "records each session as FOLDER/ID-TIME.mp4, from its beginning to its end, as it is coded for viewers"},
       {ARGS_LIST("push", &serve->keeper.push), .choices = "URL",
@@ -84,6 +86,13 @@ static bool is_stun(const char *address) {
   int port = 0, end = 0;
   return sscanf(address, "stun://%255[^:/@?#]:%d%n", host, &port, &end) == 2 && address[end] == 0 && port > 0 &&
          port < 65536;
+}
+
+static bool read_ports(const char *text, struct ern_http_options *http) {
+  int end = 0;
+  return text[strspn(text, "0123456789-")] == 0 &&
+         sscanf(text, "%5d-%5d%n", &http->first_port, &http->last_port, &end) == 2 && text[end] == 0 &&
+         http->first_port > 0 && http->first_port <= http->last_port && http->last_port < 65536;
 }
 
 static int check_usage(struct serve_job *serve, const struct args *args) {
@@ -107,6 +116,9 @@ static int check_usage(struct serve_job *serve, const struct args *args) {
                          serve->http_options.listen);
   if (status < 0 && serve->http_options.stun != NULL && !is_stun(serve->http_options.stun))
     status = args_refuse(args, "--stun is \"%s\", expected stun://HOST:PORT", serve->http_options.stun);
+  if (status < 0 && serve->udp_ports != NULL && !read_ports(serve->udp_ports, &serve->http_options))
+    status = args_refuse(args, "--udp-ports is \"%s\", expected FIRST-LAST, two ports from 1 to 65535 in this order",
+                         serve->udp_ports);
   if (status < 0 && serve->connections <= serve->viewers)
     status =
         args_refuse(args, "--connections is %d, expected more than --viewers, %d", serve->connections, serve->viewers);
