@@ -17,8 +17,8 @@
 #include "ernerf/data.h"
 #include "ernerf/media.h"
 
-static volatile sig_atomic_t interrupted; /* number of the signal */
-static int stopped_by;                    /* the signal that session_stop_with reported */
+static atomic_int interrupted; /* number of the signal, which may come to any thread */
+static atomic_int stopped_by;  /* the signal that session_stop_with reported */
 static atomic_bool json_refused;
 
 /* The next SIGINT or SIGTERM ends the program at once. When a terminal closes, SIGHUP comes twice, from the system and
@@ -27,10 +27,10 @@ static void catch_interrupt(int number) {
   signal(SIGINT, SIG_DFL);
   signal(SIGTERM, SIG_DFL);
   signal(SIGHUP, SIG_IGN);
-  interrupted = number;
+  atomic_store(&interrupted, number);
 }
 
-bool session_interrupted(void) { return interrupted != 0; }
+bool session_interrupted(void) { return atomic_load(&interrupted) != 0; }
 
 /* ---- options ----------------------------------------------------------------------------------------------------- */
 
@@ -103,11 +103,14 @@ int session_stop_with(struct session *session, const char *format, ...) {
   va_start(values, format);
   say_end(session, format, values);
   va_end(values);
-  stopped_by = (int)interrupted;
+  atomic_store(&stopped_by, atomic_load(&interrupted));
   return EXIT_FAILURE;
 }
 
-int session_exit_status(int status) { return status == EXIT_FAILURE && stopped_by > 0 ? 128 + stopped_by : status; }
+int session_exit_status(int status) {
+  const int number = atomic_load(&stopped_by);
+  return status == EXIT_FAILURE && number > 0 ? 128 + number : status;
+}
 
 int session_fail(struct session *session) {
   char text[SESSION_HELD];
