@@ -14,6 +14,7 @@ struct taken {
 
 static int take(void *user, const void *bytes, size_t count, ern_stream_piece piece) {
   struct taken *taken = user;
+  assert_non_null(bytes); /* also where there are none: memcpy may not get NULL */
   if (taken->left == 0) return 1;
   taken->left--;
   if (piece != ERN_STREAM_MORE) {
