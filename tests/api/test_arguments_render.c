@@ -131,7 +131,13 @@ CHECK(ern_silence_weights) {
   REFUSED(w.context, "ern_silence_weights: weights is NULL", ern_silence_weights(silence, &features, NULL));
   for (int i = 0; i < 6; i++)
     REFUSED(w.context, "silence: the features", ern_silence_weights(silence, bad_features(i), weights));
+  speech[70] = NAN;
+  support_expect(w.context, ern_silence_weights(silence, &features, weights), ERN_E_NONFINITE, "value [70, 0, 0]",
+                 NULL);
   ern_silence_free(&silence);
+  support_expect(w.context, ern_silence_learn(w.context, &features, loudness, &silence), ERN_E_NONFINITE,
+                 "value [70, 0, 0]", NULL);
+  assert_null(silence);
 }
 
 /* ---- render.h: renderer ------------------------------------------------------------------------------------------ */
