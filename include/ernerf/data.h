@@ -27,7 +27,8 @@ typedef struct ern_features {
  * Another shape is ERN_E_SHAPE, another type or order ERN_E_UNSUPPORTED. On success the caller owns features->data
  * (ern_features_free). */
 ERN_API ERN_NODISCARD ern_status ern_features_load(ern_context *context, const char *path, ern_features *features);
-/* Writes such a file as float32 (base.h, "How files are written"). */
+/* Writes such a file as float32 (base.h, "How files are written"). A value that ern_features_load refuses is the same
+ * error here, and nothing is written. */
 ERN_API ERN_NODISCARD ern_status ern_features_save(ern_context *context, const char *path,
                                                    const ern_features *features);
 ERN_API void ern_features_free(ern_context *context, ern_features *features); /* accepts NULL and an empty one */

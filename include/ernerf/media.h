@@ -84,7 +84,7 @@ ERN_API ERN_NODISCARD ern_status ern_image_write_exr_provenance(ern_context *con
 ERN_API ERN_NODISCARD ern_status ern_optical_flow(ern_context *context, const uint8_t *from, const uint8_t *to,
                                                   int width, int height, float *flow);
 /* Resizes by OpenCV's INTER_AREA, to 1..ERN_IMAGE_MAX_SIDE pixels a side, with the same channels. On success the caller
- * owns resized->data (ern_image_free). */
+ * owns resized->data (ern_image_free). resized: another struct than `image`, else ERN_E_ARGUMENT, and it stays. */
 ERN_API ERN_NODISCARD ern_status ern_image_resize(ern_context *context, const ern_image *image, int width, int height,
                                                   ern_image *resized);
 ERN_API void ern_image_free(ern_context *context, ern_image *image); /* accepts NULL and an empty one */

@@ -101,9 +101,10 @@ typedef struct ern_silence ern_silence;
 
 /* Learns to recognise silence from a recording, such as the clip that a model was trained on. loudness:
  * [features->windows], the level of each frame's sound in dB, with any reference level; NULL: frames whose features
- * change little from frame to frame, compared with the others, count as quiet. -infinity is digital silence.
- * ERN_E_STATE: silence cannot be recognised, and the message has the reason: too few quiet or loud frames, too small a
- * difference of level, or features that do not separate the two. On success the caller owns *silence. */
+ * change little from frame to frame, compared with the others, count as quiet. -infinity is digital silence, NaN not
+ * known. ERN_E_STATE: silence cannot be recognised, and the message has the reason: too few quiet or loud frames, too
+ * small a difference of level, or features that do not separate the two. ERN_E_NONFINITE, ERN_E_FORMAT: a feature is
+ * one that ern_features_load refuses. On success the caller owns *silence. */
 ERN_API ERN_NODISCARD ern_status ern_silence_learn(ern_context *context, const ern_features *features,
                                                    const float *loudness, ern_silence **silence);
 ERN_API void ern_silence_free(ern_silence **silence); /* accepts NULL and a pointer to NULL */
@@ -111,7 +112,7 @@ ERN_API void ern_silence_free(ern_silence **silence); /* accepts NULL and a poin
 /* weights[features->windows]: ern_frame_input.silence_weight for each frame of a speech in features of the same kind.
  * It is 0 in speech and in pauses of less than 8 frames. In a silence of 8 frames or more it is 0.2, 0.4, 0.6
  * and 0.8 in the first four frames and 1 in all later ones; where the speech begins with such a silence it is 1 from
- * the first frame on. ERN_E_MISMATCH: features of another width. */
+ * the first frame on. ERN_E_MISMATCH: features of another width. ERN_E_NONFINITE, ERN_E_FORMAT: as above. */
 ERN_API ERN_NODISCARD ern_status ern_silence_weights(const ern_silence *silence, const ern_features *features,
                                                      float *weights);
 

@@ -61,7 +61,7 @@ class Error(Exception):
 
 def _path(value, name):
     encoded = os.fsencode(value)
-    if b"\0" in encoded:
+    if b"\0" in encoded:  # where C would take it to end
         raise ValueError(f"{name}: holds a null character")
     return encoded
 
@@ -69,7 +69,7 @@ def _path(value, name):
 def _text(value, name):
     if not isinstance(value, str):
         raise TypeError(f"{name} is {value!r}, expected a str")
-    return value.encode()
+    return _path(value, name)
 
 
 def _real(value, name):
@@ -627,8 +627,8 @@ class Trainer(_Object):
     def run(self, progress=None):
         """Steps until all are done, validating and saving as configured.
 
-        progress: called about twice a second with a report; if it returns anything but 0, False or None, raises, or
-        closes the Trainer, the training saves and stops. run() then raises Error with Status.E_CANCELLED, or what
+        progress: called about twice a second with a report; if it returns a value that is true, raises, or closes the
+        Trainer, the training saves and stops. run() then raises Error with Status.E_CANCELLED, or what
         progress raised. After Ctrl-C, in the main thread, the training saves and stops too, and run() raises
         KeyboardInterrupt. progress may call save() and model() of the Trainer, but neither step() nor run().
         """

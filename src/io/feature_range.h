@@ -17,4 +17,9 @@ static inline bool ern_feature_fits(float value) { return value >= -1e30f && val
  * a NULL context the status alone. Values are not checked. */
 ERN_NODISCARD ern_status ern_features_check(ern_context *context, const char *where, const ern_features *features);
 
+/* ERN_E_NONFINITE or ERN_E_FORMAT where a value of features whose sizes are right does not fit; the message has its
+ * index. */
+ERN_NODISCARD ern_status ern_features_check_values(ern_context *context, const char *where,
+                                                   const ern_features *features);
+
 #endif

@@ -25,6 +25,18 @@ ern_status ern_features_check(ern_context *context, const char *where, const ern
   return ERN_OK;
 }
 
+ern_status ern_features_check_values(ern_context *context, const char *where, const ern_features *features) {
+  const size_t width = (size_t)features->width, window = (size_t)features->window_length * width;
+  for (size_t i = 0; i < features->windows * window; i++) {
+    const float value = features->data[i];
+    if (ern_feature_fits(value)) continue;
+    return ern_fail(context, isfinite(value) ? ERN_E_FORMAT : ERN_E_NONFINITE,
+                    "%s: value [%zu, %zu, %zu] is %g, expected a finite number, -1e30 to 1e30", where, i / window,
+                    i % window / width, i % width, (double)value);
+  }
+  return ERN_OK;
+}
+
 static ern_status check_shape(ern_context *context, const char *path, const struct ern_npy *array) {
   if (array->type != ERN_NPY_F16 && array->type != ERN_NPY_F32 && array->type != ERN_NPY_F64) {
     return ern_fail(context, ERN_E_UNSUPPORTED, "%s: holds whole numbers, expected float16, float32 or float64", path);
@@ -50,18 +62,12 @@ ern_status ern_features_load(ern_context *context, const char *path, ern_feature
   struct ern_npy array = {0};
   ERN_TRY(ern_npy_read(context, path, &array));
   ERN_TRY(check_shape(context, path, &array));
-  const float *values = array.data;
-  for (size_t i = 0; i < array.count; i++) {
-    if (ern_feature_fits(values[i])) continue;
-    const size_t width = array.shape[2], window = array.shape[1] * width;
-    ERN_TRY(ern_fail(context, isfinite(values[i]) ? ERN_E_FORMAT : ERN_E_NONFINITE,
-                     "%s: value [%zu, %zu, %zu] is %g, expected a finite number, -1e30 to 1e30", path, i / window,
-                     i % window / width, i % width, (double)values[i]));
-  }
-  *features = (ern_features){.data = array.data,
+  const ern_features read = {.data = array.data,
                              .windows = array.shape[0],
                              .window_length = (int)array.shape[1],
                              .width = (int)array.shape[2]};
+  ERN_TRY(ern_features_check_values(context, path, &read));
+  *features = read;
   return ERN_OK;
 fail:
   ern_npy_free(context, &array);
@@ -73,7 +79,8 @@ ern_status ern_features_save(ern_context *context, const char *path, const ern_f
   ERN_NEED(context, context);
   ERN_NEED(context, path);
   ERN_NEED(context, features);
-  const ern_status status = ern_features_check(context, path, features);
+  ern_status status = ern_features_check(context, path, features);
+  if (status == ERN_OK) status = ern_features_check_values(context, path, features);
   if (status != ERN_OK) return status;
   return ern_npy_write_f32(context, path, features->data, 3,
                            (size_t[]){features->windows, (size_t)features->window_length, (size_t)features->width});

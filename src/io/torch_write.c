@@ -393,22 +393,18 @@ static bool has_optimizer(const json_t *tree) {
   return false;
 }
 
-ern_status ern_torch_write(ern_context *context, const char *path, const char *tree, const struct ern_tensor *tensors,
-                           size_t tensor_count) {
+ern_status ern_torch_write_tree(ern_context *context, const char *path, const json_t *tree,
+                                const struct ern_tensor *tensors, size_t tensor_count) {
   struct writing w = {.context = context, .path = path, .tensors = tensors, .tensor_count = tensor_count};
-  json_error_t error;
   ern_status status = ERN_OK;
-  json_t *json = json_loads(tree, JSON_DECODE_ANY | JSON_REJECT_DUPLICATES, &error);
-  if (json == NULL) ERN_TRY(ern_fail(context, ERN_E_FORMAT, "%s: the tree to write is no JSON: %s", path, error.text));
-  w.numbers = !has_optimizer(json);
+  w.numbers = !has_optimizer(tree);
   ERN_TRY(sort_tensors(&w));
   put(&w, "\x80\x02", 2);
-  put_value(&w, json, 0);
+  put_value(&w, tree, 0);
   put_byte(&w, '.');
   ERN_TRY(w.status);
   status = write_zip(&w);
 fail:
-  json_decref(json);
   ern_release(context, w.bytes);
   while (w.number != NULL) {
     struct number *before = w.number->before;
@@ -417,5 +413,17 @@ fail:
   }
   ern_release(context, w.named);
   ern_release(context, (void *)(uintptr_t)w.used);
+  return status;
+}
+
+ern_status ern_torch_write(ern_context *context, const char *path, const char *tree, const struct ern_tensor *tensors,
+                           size_t tensor_count) {
+  json_error_t error;
+  json_t *json = json_loads(tree, JSON_DECODE_ANY | JSON_REJECT_DUPLICATES, &error);
+  if (json == NULL)
+    return ern_fail(context, json_error_code(&error) == json_error_out_of_memory ? ERN_E_NO_MEMORY : ERN_E_FORMAT,
+                    "%s: the tree to write is no JSON: %s", path, error.text);
+  const ern_status status = ern_torch_write_tree(context, path, json, tensors, tensor_count);
+  json_decref(json);
   return status;
 }

@@ -48,5 +48,8 @@ ERN_NODISCARD ern_status ern_torch_tensors(ern_context *context, struct ern_torc
  * unless the tree has an "optimizer": PyTorch 1.13 refuses plain floats with weights_only=True. Atomic. */
 ERN_NODISCARD ern_status ern_torch_write(ern_context *context, const char *path, const char *tree,
                                          const struct ern_tensor *tensors, size_t tensor_count);
+struct json_t; /* jansson's */
+ERN_NODISCARD ern_status ern_torch_write_tree(ern_context *context, const char *path, const struct json_t *tree,
+                                              const struct ern_tensor *tensors, size_t tensor_count);
 
 #endif

@@ -72,8 +72,9 @@ static ern_status check_pictures(ern_context *context, const ern_dub_input *in) 
                     "dub: the head has %d x %d pixels, expected %d x %d: those of the box times head_scale",
                     in->head_width, in->head_height, least[0], least[1]);
   if (there != NULL && (there->data == NULL || there->channels != 1 || there->width < 1 || there->height < 1))
-    return ern_fail(context, ERN_E_SHAPE, "dub: recorded_head has %d channels, expected a picture with one",
-                    there->channels);
+    return ern_fail(context, ERN_E_SHAPE,
+                    "dub: recorded_head has %d x %d pixels, %d channels%s, expected a picture with one channel",
+                    there->width, there->height, there->channels, there->data == NULL ? ", data NULL" : "");
   return ERN_OK;
 }
 

@@ -12,10 +12,12 @@ extern "C" {
 extern "C" ern_status ern_image_resize(ern_context *context, const ern_image *image, int width, int height,
                                        ern_image *resized) {
   ERN_PLAIN_FLOATS;
-  if (resized != nullptr) *resized = ern_image{};
+  if (resized != nullptr && resized != image) *resized = ern_image{};
   ERN_NEED(context, context);
   ERN_NEED(context, image);
   ERN_NEED(context, resized);
+  if (resized == image)
+    return ern_fail(context, ERN_E_ARGUMENT, "resize: image and resized are the same struct, expected two");
   ern_status status = ern_image_check(context, "resize", image);
   if (status != ERN_OK) return status;
   ern_image made{};

@@ -76,7 +76,7 @@ static ern_status write_torch(ern_context *context, const struct ern_tensor_file
   if (model == NULL) return write_plain(context, file, path);
   struct ern_torch_layout layout = {.context = context, .file = file, .model = model, .path = path};
   ern_status status = ern_torch_layout_make(&layout);
-  if (status == ERN_OK) status = ern_torch_write(context, path, layout.tree, layout.tensor, layout.tensors);
+  if (status == ERN_OK) status = ern_torch_write_tree(context, path, layout.tree, layout.tensor, layout.tensors);
   ern_torch_layout_free(&layout);
   return status;
 }

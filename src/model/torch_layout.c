@@ -4,7 +4,6 @@
 #include <inttypes.h>
 #include <math.h>
 #include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 
 #include "core/format.h"
@@ -17,7 +16,7 @@ enum { PUBLIC_CODES = 10000, PUBLIC_LEVELS = 12 };
 
 void ern_torch_layout_free(struct ern_torch_layout *l) {
   for (size_t i = 0; i < l->tensors; i++) ern_release(l->context, l->owned[i]);
-  ern_release(l->context, l->tree);
+  json_decref(l->tree);
   l->tensors = 0;
   l->tree = NULL;
 }
@@ -192,8 +191,13 @@ static ern_status read_about(const struct ern_torch_layout *l, struct about_stat
 
 static json_t *tensor_of(const char *name) { return json_pack("{s:s}", "tensor", name); }
 
-static void put_pair(json_t *pairs, json_t *key, json_t *value) {
-  json_array_append_new(pairs, json_pack("[o, o]", key, value));
+/* Takes ownership of `value`, which is NULL where there was no memory for it. */
+static void put_item(struct ern_torch_layout *l, json_t *list, json_t *value) {
+  if (json_array_append_new(list, value) != 0) l->lost = true;
+}
+
+static void put_pair(struct ern_torch_layout *l, json_t *pairs, json_t *key, json_t *value) {
+  put_item(l, pairs, json_pack("[o, o]", key, value));
 }
 
 /* A block of the state file, laid out as `like`, a tensor of the model; zeros where the file lacks the row (the eye
@@ -231,7 +235,7 @@ static ern_status add_moments(struct ern_torch_layout *l, const struct ern_tenso
   const char *moment = l->tensor[l->tensors - 1].name;
   json_t *one = json_pack("{s:[[s, o], [s, o], [s, o]]}", "dict", "step", tensor_of(count), "exp_avg", tensor_of(first),
                           "exp_avg_sq", tensor_of(moment));
-  put_pair(state, json_integer(number), one);
+  put_pair(l, state, json_integer(number), one);
 fail:
   return status;
 }
@@ -261,31 +265,31 @@ static ern_status put_optimizer(struct ern_torch_layout *l, const struct about_s
       const struct ern_tensor like = l->tensor[i];
       if (!ern_checkpoint_in_group(like.name, group)) continue;
       if (!camera) status = add_moments(l, &like, about->step, state, number);
-      json_array_append_new(params, json_integer(number++));
+      put_item(l, params, json_integer(number++));
     }
     const bool empty = json_array_size(params) == 0;
     const int times = empty ? 0 : 1;
     if (empty) json_decref(params);
     for (int k = 0; k < times; k++) {
-      json_array_append_new(groups, group_of(rate * factor, rate, grid ? 1e-2 : (attention ? 1e-4 : 0), params));
-      json_array_append_new(base, json_real(rate));
-      json_array_append_new(last, json_real(rate * factor));
-      json_array_append_new(lambdas, json_null());
+      put_item(l, groups, group_of(rate * factor, rate, grid ? 1e-2 : (attention ? 1e-4 : 0), params));
+      put_item(l, base, json_real(rate));
+      put_item(l, last, json_real(rate * factor));
+      put_item(l, lambdas, json_null());
     }
     if (about->torso && g == 0) { /* the public program's group of an encoder that has no tensors */
-      json_array_append_new(groups, group_of(rate * factor, rate, 0, json_array()));
-      json_array_append_new(base, json_real(rate));
-      json_array_append_new(last, json_real(rate * factor));
-      json_array_append_new(lambdas, json_null());
+      put_item(l, groups, group_of(rate * factor, rate, 0, json_array()));
+      put_item(l, base, json_real(rate));
+      put_item(l, last, json_real(rate * factor));
+      put_item(l, lambdas, json_null());
     }
   }
-  put_pair(root, json_string("optimizer"),
+  put_pair(l, root, json_string("optimizer"),
            json_pack("{s:[[s, {s:o}], [s, o]]}", "dict", "state", "dict", state, "param_groups", groups));
-  put_pair(root, json_string("lr_scheduler"),
+  put_pair(l, root, json_string("lr_scheduler"),
            json_pack("{s:[[s, o], [s, I], [s, b], [s, I], [s, b], [s, o], [s, o]]}", "dict", "base_lrs", base,
                      "last_epoch", (json_int_t)about->step, "verbose", 0, "_step_count", (json_int_t)about->step + 1,
                      "_get_lr_called_within_step", 0, "_last_lr", last, "lr_lambdas", lambdas));
-  put_pair(root, json_string("scaler"), json_pack("{s:[]}", "dict"));
+  put_pair(l, root, json_string("scaler"), json_pack("{s:[]}", "dict"));
   return status;
 }
 
@@ -297,9 +301,9 @@ static ern_status put_average(struct ern_torch_layout *l, const struct about_sta
     const struct ern_tensor like = l->tensor[i];
     if (ern_checkpoint_is_buffer(like.name)) continue;
     status = add_state(l, "average.", "state.average.", &like, true);
-    if (status == ERN_OK) json_array_append_new(shadow, tensor_of(l->tensor[l->tensors - 1].name));
+    if (status == ERN_OK) put_item(l, shadow, tensor_of(l->tensor[l->tensors - 1].name));
   }
-  put_pair(root, json_string("ema"),
+  put_pair(l, root, json_string("ema"),
            json_pack("{s:[[s, f], [s, I], [s, o], [s, n]]}", "dict", "decay", 0.95, "num_updates",
                      (json_int_t)about->updates, "shadow_params", shadow, "collected_params"));
   return status;
@@ -384,20 +388,15 @@ static ern_status check(const struct ern_torch_layout *l) {
 static ern_status put_own(struct ern_torch_layout *l, json_t *root) {
   const struct ern_model_config *config = &l->model->field.config;
   const char *state = ern_tensor_file_metadata(l->file, "ernerf.state");
+  ern_model padded = *l->model;
   char *text = NULL;
-  ern_status status = ern_model_metadata(l->model, &text);
+  padded.field.config.eye = true;
+  if (config->codes > 0 && config->codes < PUBLIC_CODES) padded.field.config.codes = PUBLIC_CODES;
+  const ern_status status = ern_model_metadata(&padded, &text);
   if (status != ERN_OK) return status;
-  json_t *about = json_loads(text, 0, NULL);
+  put_pair(l, root, json_string("ernerf"), json_string(text));
   ern_release(l->context, text);
-  json_object_set_new(about, "eye", json_true());
-  if (config->codes > 0 && config->codes < PUBLIC_CODES)
-    json_object_set_new(about, "codes", json_integer(PUBLIC_CODES));
-  text = json_dumps(about, JSON_COMPACT);
-  json_decref(about);
-  if (text == NULL) return ern_fail(l->context, ERN_E_NO_MEMORY, "%s: no memory for the tree", l->path);
-  put_pair(root, json_string("ernerf"), json_string(text));
-  free(text); /* jansson's, made by malloc */
-  if (state != NULL) put_pair(root, json_string("ernerf_state"), json_string(state));
+  if (state != NULL) put_pair(l, root, json_string("ernerf_state"), json_string(state));
   return ERN_OK;
 }
 
@@ -405,7 +404,6 @@ ern_status ern_torch_layout_make(struct ern_torch_layout *l) {
   struct about_state about = {0};
   const int64_t step = (int64_t)(l->model->field.config.torso ? l->model->torso_steps : l->model->head_steps);
   double mean[2] = {0};
-  char *text = NULL;
   json_t *root = json_array(), *model = json_array();
   ern_status status = ERN_OK;
   ERN_TRY(read_about(l, &about));
@@ -413,29 +411,25 @@ ern_status ern_torch_layout_make(struct ern_torch_layout *l) {
   ERN_TRY(add_model(l, mean));
   const size_t model_tensors = l->tensors;
   for (size_t i = 0; i < model_tensors; i++)
-    put_pair(model, json_string(l->tensor[i].name), tensor_of(l->tensor[i].name));
-  put_pair(root, json_string("epoch"), json_integer(0));
-  put_pair(root, json_string("global_step"), json_integer(about.there ? about.step : step));
-  put_pair(root, json_string("stats"),
+    put_pair(l, model, json_string(l->tensor[i].name), tensor_of(l->tensor[i].name));
+  put_pair(l, root, json_string("epoch"), json_integer(0));
+  put_pair(l, root, json_string("global_step"), json_integer(about.there ? about.step : step));
+  put_pair(l, root, json_string("stats"),
            json_pack("{s:[[s, []], [s, []], [s, []], [s, []], [s, n]]}", "dict", "loss", "valid_loss", "results",
                      "checkpoints", "best_result"));
-  put_pair(root, json_string("mean_count"), json_integer(0));
-  put_pair(root, json_string("mean_density"), json_real(mean[0]));
-  put_pair(root, json_string("mean_density_torso"), json_real(mean[1]));
+  put_pair(l, root, json_string("mean_count"), json_integer(0));
+  put_pair(l, root, json_string("mean_density"), json_real(mean[0]));
+  put_pair(l, root, json_string("mean_density_torso"), json_real(mean[1]));
   if (about.there) {
     ERN_TRY(put_optimizer(l, &about, model_tensors, root));
     ERN_TRY(put_average(l, &about, model_tensors, root));
   }
-  put_pair(root, json_string("model"), json_pack("{s:O}", "ordered", model));
+  put_pair(l, root, json_string("model"), json_pack("{s:O}", "ordered", model));
   ERN_TRY(put_own(l, root));
-  text = json_dumps(root, JSON_COMPACT | JSON_REAL_PRECISION(17));
-  if (text == NULL) ERN_TRY(ern_fail(l->context, ERN_E_NO_MEMORY, "%s: no memory for the tree", l->path));
-  const size_t length = strlen(text) + 16;
-  ERN_TRY(ERN_NEW(l->context, length, &l->tree));
-  snprintf(l->tree, length, "{\"dict\":%s}", text);
+  l->tree = json_pack("{s:O}", "dict", root);
+  if (l->lost || l->tree == NULL) ERN_TRY(ern_fail(l->context, ERN_E_NO_MEMORY, "%s: no memory for the tree", l->path));
 fail:
   json_decref(root);
   json_decref(model);
-  free(text); /* jansson's, made by malloc */
   return status;
 }

@@ -15,7 +15,8 @@ struct ern_torch_layout {
   const ern_model *model;
   const char *path; /* of what is written, for messages */
   /* made */
-  char *tree; /* io/torch_zip.h */
+  json_t *tree; /* io/torch_zip.h */
+  bool lost;    /* a value of the tree found no memory */
   struct ern_tensor tensor[ERN_TORCH_LAYOUT_TENSORS];
   char name[ERN_TORCH_LAYOUT_TENSORS][ERN_PARAMETER_NAME + 24];
   void *owned[ERN_TORCH_LAYOUT_TENSORS]; /* bytes that were made here, NULL: they are the file's */

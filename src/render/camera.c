@@ -76,8 +76,8 @@ ern_camera ern_camera_resized(const ern_camera *camera, int width, int height) {
 
 size_t ern_pose_index(size_t frame, size_t count) {
   if (count < 2) return 0;
-  const size_t period = 2 * (count - 1), place = frame % period;
-  return place < count ? place : period - place;
+  const size_t last = count - 1, place = frame % last;
+  return frame / last % 2 == 0 ? place : last - place;
 }
 
 /* The inverse transpose of a 3x3 matrix, or false where it is singular. */

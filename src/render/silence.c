@@ -203,6 +203,7 @@ ern_status ern_silence_learn(ern_context *context, const ern_features *features,
   unsigned char *kind = NULL;
   ern_silence *made = NULL;
   ern_status status = ern_features_check(context, "silence", features);
+  if (status == ERN_OK) status = ern_features_check_values(context, "silence", features);
   if (status != ERN_OK) return status;
   if (count < 2 * FEWEST)
     return ern_fail(context, ERN_E_STATE, "silence: %zu frames, expected %d at least", count, 2 * FEWEST);
@@ -252,6 +253,7 @@ ern_status ern_silence_weights(const ern_silence *silence, const ern_features *f
   const size_t count = features->windows;
   double *score = NULL;
   ern_status status = ern_features_check(silence->context, "silence", features);
+  if (status == ERN_OK) status = ern_features_check_values(silence->context, "silence", features);
   if (status != ERN_OK) return status;
   if (features->width != silence->width)
     return ern_fail(silence->context, ERN_E_MISMATCH,

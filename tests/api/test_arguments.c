@@ -145,6 +145,13 @@ CHECK(ern_features_save) {
   REFUSED_ALONE(ern_features_save(NULL, "a.npy", &features));
   REFUSED(w.context, "path is NULL", ern_features_save(w.context, NULL, &features));
   REFUSED(w.context, "features is NULL", ern_features_save(w.context, "a.npy", NULL));
+  value = NAN; /* what could not be read again */
+  support_expect(w.context, ern_features_save(w.context, "a.npy", &features), ERN_E_NONFINITE, "a.npy: value [0, 0, 0]",
+                 NULL);
+  value = -2e30f;
+  support_expect(w.context, ern_features_save(w.context, "a.npy", &features), ERN_E_FORMAT, "a.npy: value [0, 0, 0]",
+                 NULL);
+  assert_int_equal(access("a.npy", F_OK), -1);
   features.data = NULL;
   REFUSED(w.context, "data NULL", ern_features_save(w.context, "a.npy", &features));
 }

@@ -160,6 +160,8 @@ CHECK(ern_image_resize) {
   assert_null(out.data);
   REFUSED(w.context, "ern_image_resize: image is NULL", ern_image_resize(w.context, NULL, 2, 2, &out));
   REFUSED(w.context, "ern_image_resize: resized is NULL", ern_image_resize(w.context, &image, 2, 2, NULL));
+  REFUSED(w.context, "the same struct", ern_image_resize(w.context, &image, 2, 2, (ern_image *)(uintptr_t)&image));
+  assert_true(image.width == 16 && image.data == pixels);
   assert_int_equal(ern_image_resize(w.context, &image, -2, 2, &out), ERN_E_SHAPE);
   assert_null(out.data);
 }

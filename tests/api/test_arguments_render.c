@@ -63,7 +63,11 @@ CHECK(ern_pose_interpolate) {
   ern_pose_interpolate(pose, pose, NULL, 0.5);
   assert_true(pose[0] == 3);
 }
-CHECK(ern_pose_index) { assert_int_equal(ern_pose_index(5, 0), 0); }
+CHECK(ern_pose_index) {
+  assert_int_equal(ern_pose_index(5, 0), 0);
+  assert_int_equal(ern_pose_index(5, SIZE_MAX / 2 + 2), 5); /* twice as many, less 2, are 0 in a size_t */
+  assert_int_equal(ern_pose_index(SIZE_MAX, SIZE_MAX), SIZE_MAX - 2);
+}
 CHECK(ern_poses_smooth) {
   ern_pose pose = {0};
   REFUSED_ALONE(ern_poses_smooth(NULL, &pose, 1, 1));
@@ -127,7 +131,13 @@ CHECK(ern_silence_weights) {
   REFUSED(w.context, "ern_silence_weights: weights is NULL", ern_silence_weights(silence, &features, NULL));
   for (int i = 0; i < 6; i++)
     REFUSED(w.context, "silence: the features", ern_silence_weights(silence, bad_features(i), weights));
+  speech[70] = NAN;
+  support_expect(w.context, ern_silence_weights(silence, &features, weights), ERN_E_NONFINITE, "value [70, 0, 0]",
+                 NULL);
   ern_silence_free(&silence);
+  support_expect(w.context, ern_silence_learn(w.context, &features, loudness, &silence), ERN_E_NONFINITE,
+                 "value [70, 0, 0]", NULL);
+  assert_null(silence);
 }
 
 /* ---- render.h: renderer ------------------------------------------------------------------------------------------ */

@@ -280,6 +280,9 @@ static void test_recorded_head(void **state) {
   memset(there, 0, sizeof there);
   support_ok(context, ern_dub_frame(context, &in, out, &drawn));
   assert_false(drawn);
+  const ern_image empty = {.width = 32, .channels = 1, .data = there};
+  in.recorded_head = &empty;
+  support_expect(context, ern_dub_frame(context, &in, out, &drawn), ERN_E_SHAPE, "32 x 0 pixels, 1 channels", NULL);
 }
 
 static void expect_recorded(const ern_dub_input *in) {

@@ -2,11 +2,15 @@
  * Each allocation of the context that is refused, in turn, on whole ways: a head trained with saves and a validation,
  * gone on from, a torso under it, a model loaded, drawn and converted, videos joined. The answer is ERN_E_NO_MEMORY
  * with its words, or it does with less; nothing is left over in memory, what lies on the disk is whole, and the next
- * try goes on from it.
+ * try goes on from it. And each allocation of the JSON library while a converted model is written, and while the
+ * program describes one.
  *
  *   ERNERF_TEST_CALLS=1   every allocation, not one of many (0)
  *   ERNERF_TEST_SEED=7    of those that are taken (1) */
+#define _GNU_SOURCE /* RTLD_NEXT */
+#include <dlfcn.h>
 #include <errno.h>
+#include <jansson.h>
 
 #include "../made_clip.h"
 #include "ernerf/media.h"
@@ -185,6 +189,87 @@ static void make_video(const char *path) {
   support_ok(data.context, ern_video_writer_close(&writer));
 }
 
+/* ---- the JSON library's own allocations -------------------------------------------------------------------------- */
+
+static json_malloc_t json_given; /* of whoever uses the library */
+static size_t json_at, json_count;
+static bool json_counts;
+
+/* Refuses as the C library does, so that whoever watches notices. */
+static void *json_refusing(size_t bytes) {
+  return json_given(json_counts && ++json_count == json_at ? (size_t)PTRDIFF_MAX : bytes);
+}
+
+/* In place of the JSON library's, also for the program's code in this executable. */
+void json_set_alloc_funcs(json_malloc_t allocate, json_free_t release) {
+  void (*real)(json_malloc_t, json_free_t) = NULL;
+  void *found = dlsym(RTLD_NEXT, "json_set_alloc_funcs");
+  memcpy(&real, &found, sizeof real);
+  json_given = allocate;
+  real(json_refusing, release);
+}
+
+static void refuse_json_from(size_t at) {
+  json_at = at;
+  json_count = 0;
+  json_counts = at > 0;
+}
+
+/* The first line of the log comes between reading and writing. */
+static void begin_to_count(void *user, ern_log_level level, const char *line) {
+  (void)user, (void)level, (void)line;
+  json_counts = json_at > 0;
+}
+
+static void test_json_of_a_model(void **state) {
+  (void)state;
+  ern_context *context = NULL, *plain = support_context();
+  ern_context_config config = ern_context_config_default();
+  char good[65], made[65];
+  size_t refused = 0;
+  config.log = begin_to_count;
+  assert_int_equal(ern_context_create(&context, &config), ERN_OK);
+  json_set_alloc_funcs(malloc, free);
+  support_ok(plain, ern_file_convert(plain, "kept.run/state.safetensors", "good.pth"));
+  support_ok(plain, ern_file_sha256(plain, "good.pth", good));
+  for (size_t at = 1; at == 1 || json_count >= json_at; at += journey_number("ERNERF_TEST_CALLS", 0) != 0 ? 1 : 97) {
+    refuse_json_from(at);
+    json_counts = false;
+    const ern_status status = ern_file_convert(context, "kept.run/state.safetensors", "made.pth");
+    json_counts = false;
+    if (status != ERN_OK && (status != ERN_E_NO_MEMORY || ern_last_error(context)[0] == 0))
+      fail_msg("JSON allocation %zu: %s: %s", at, ern_status_name(status), ern_last_error(context));
+    refused += status != ERN_OK;
+    if (status != ERN_OK) continue;
+    support_ok(plain, ern_file_sha256(plain, "made.pth", made));
+    if (strcmp(made, good) != 0) fail_msg("JSON allocation %zu: another file, and no error", at);
+  }
+  assert_true(refused > 10);
+  refuse_json_from(0);
+  ern_context_free(&context);
+  ern_context_free(&plain);
+}
+
+static void test_json_of_the_program(void **state) {
+  (void)state;
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+  skip(); /* a sanitizer's malloc ends the process instead of refusing */
+#endif
+  static const size_t tries[] = {1, 40, 300};
+  struct journey j;
+  journey_open(&j);
+  for (size_t i = 0; i < sizeof tries / sizeof *tries; i++) {
+    refuse_json_from(tries[i]);
+    journey_start(&j, NULL, "info portrait.safetensors");
+    journey_wait(&j);
+    refuse_json_from(0);
+    if (j.status != 1 || j.err[0] == 0) fail_msg("JSON allocation %zu: exit status %d: %s", tries[i], j.status, j.err);
+  }
+  journey_ok(&j, "info portrait.safetensors");
+}
+
+/* ---- all --------------------------------------------------------------------------------------------------------- */
+
 static int prepare(void **state) {
   (void)state;
   static const char *const old[] = {"short", "body", "kept", "portrait"};
@@ -212,9 +297,14 @@ static int close_all(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_train),  cmocka_unit_test(test_resume_long),
-                                     cmocka_unit_test(test_torso),  cmocka_unit_test(test_from_long),
-                                     cmocka_unit_test(test_render), cmocka_unit_test(test_convert),
-                                     cmocka_unit_test(test_join)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_train),
+                                     cmocka_unit_test(test_resume_long),
+                                     cmocka_unit_test(test_torso),
+                                     cmocka_unit_test(test_from_long),
+                                     cmocka_unit_test(test_render),
+                                     cmocka_unit_test(test_convert),
+                                     cmocka_unit_test(test_join),
+                                     cmocka_unit_test(test_json_of_a_model),
+                                     cmocka_unit_test(test_json_of_the_program)};
   return cmocka_run_group_tests(tests, prepare, close_all);
 }

@@ -137,6 +137,17 @@ static ern_status check_small(ern_context *context) {
   return status;
 }
 
+/* Likewise of the figures: the sound is there. */
+static ern_status measure_small(ern_context *context) {
+  ern_clip *clip = NULL;
+  ern_clip_measures measures = {0};
+  ern_status status = ern_clip_open(context, "small", NULL, &clip);
+  if (status == ERN_OK) status = ern_clip_measure(clip, &measures);
+  if (status == ERN_OK) assert_true(measures.loud >= 0);
+  ern_clip_free(&clip);
+  return status;
+}
+
 static void test_check_without_memory(void **state) {
   (void)state;
   ern_context *context = support_context();
@@ -148,6 +159,7 @@ static void test_check_without_memory(void **state) {
   assert_int_equal(unlink("small/au.csv"), 0); /* so that prepare.json is asked for */
   support_ok(context, check_small(context));
   support_refuse_each(check_small);
+  support_refuse_each(measure_small);
   ern_context_free(&context);
 }
 

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * A stream that a callback takes: its parts, a receiver that begins late, and a callback that refuses. */
+ * A stream that a callback takes: its parts, a receiver that begins late, and a callback that refuses; the same stream
+ * passed on to an address, from a callback that has few bytes at a time. */
 #include "stream_support.h"
 
 enum { PARTS = 64, PART_BYTES = 1 << 16 };
@@ -13,6 +14,7 @@ struct taken {
 
 static int take(void *user, const void *bytes, size_t count, ern_stream_piece piece) {
   struct taken *taken = user;
+  assert_non_null(bytes); /* also where there are none: memcpy may not get NULL */
   if (taken->left == 0) return 1;
   taken->left--;
   if (piece != ERN_STREAM_MORE) {
@@ -88,7 +90,82 @@ static void test_refused(void **state) {
   support_expect(context, write_stream("parts", &options), ERN_E_UNSUPPORTED, "expected mp4", NULL);
 }
 
+/* ---- passed on --------------------------------------------------------------------------------------------------- */
+
+enum { SENT_MOST = 1 << 20 };
+
+/* What a callback has of `taken`: at most `step` bytes a call; from byte `wrong_at` on it returns `wrong`. */
+struct source {
+  size_t part, at, step, done, wrong_at;
+  ptrdiff_t wrong;
+};
+
+static ptrdiff_t give(void *user, void *bytes, size_t most) {
+  struct source *from = user;
+  if (from->done >= from->wrong_at) return from->wrong < 0 ? from->wrong : (ptrdiff_t)most + from->wrong;
+  while (from->part < taken.parts && from->at == taken.count[from->part]) from->part++, from->at = 0;
+  if (from->part == taken.parts) return 0;
+  size_t count = taken.count[from->part] - from->at;
+  if (count > from->step) count = from->step;
+  if (count > most) count = most;
+  memcpy(bytes, taken.bytes[from->part] + from->at, count);
+  from->at += count;
+  from->done += count;
+  return (ptrdiff_t)count;
+}
+
+/* What arrives at an address of this machine, `step` bytes a call. */
+static size_t pass_on(size_t step, uint8_t *sent) {
+  struct sockaddr_in at = {.sin_family = AF_INET, .sin_addr.s_addr = htonl(INADDR_LOOPBACK)};
+  socklen_t bytes = sizeof at;
+  struct source from = {.step = step, .wrong_at = SIZE_MAX};
+  char url[64];
+  size_t count = 0;
+  const int receiver = socket(AF_INET, SOCK_DGRAM, 0);
+  assert_true(receiver >= 0 && bind(receiver, (struct sockaddr *)&at, sizeof at) == 0);
+  assert_int_equal(getsockname(receiver, (struct sockaddr *)&at, &bytes), 0);
+  snprintf(url, sizeof url, "udp://127.0.0.1:%d", ntohs(at.sin_port));
+  support_ok(context, ern_stream_copy(context, url, give, NULL, &from));
+  for (ssize_t got; (got = recv(receiver, sent + count, SENT_MOST - count, MSG_DONTWAIT)) > 0;) count += (size_t)got;
+  close(receiver);
+  return count;
+}
+
+static void test_passed_on(void **state) {
+  (void)state;
+  static uint8_t whole[SENT_MOST], again[SENT_MOST];
+  static const size_t steps[] = {1, 7, 100, 512, 1000};
+  const ern_stream_options options = options_of_parts(-1);
+  support_ok(context, write_stream("parts", &options));
+  const size_t count = pass_on(SIZE_MAX, whole);
+  assert_true(count > 188 * FRAMES); /* a packet of the transport stream for each picture, and more */
+  for (size_t i = 0; i < sizeof steps / sizeof *steps; i++) {
+    assert_int_equal(pass_on(steps[i], again), count);
+    assert_memory_equal(again, whole, count);
+  }
+}
+
+static int stops(void *user) {
+  const struct source *from = user;
+  return from->done > 2000;
+}
+
+/* What a callback may not return, and one that stops. */
+static void test_passed_on_wrongly(void **state) {
+  (void)state;
+  const char *url = "udp://127.0.0.1:9";
+  const ern_stream_options options = options_of_parts(-1);
+  support_ok(context, write_stream("parts", &options));
+  for (int k = 0; k < 4; k++) {
+    struct source from = {.step = SIZE_MAX, .wrong_at = k < 2 ? 0 : 5000, .wrong = k % 2 == 0 ? -5 : 1};
+    support_expect(context, ern_stream_copy(context, url, give, NULL, &from), ERN_E_ARGUMENT, "read returned", NULL);
+  }
+  struct source from = {.step = 50, .wrong_at = SIZE_MAX};
+  support_expect(context, ern_stream_copy(context, url, give, stops, &from), ERN_E_CANCELLED, "stopped", NULL);
+}
+
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_parts), cmocka_unit_test(test_refused)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_parts), cmocka_unit_test(test_refused),
+                                     cmocka_unit_test(test_passed_on), cmocka_unit_test(test_passed_on_wrongly)};
   return cmocka_run_group_tests(tests, set_up, tear_down);
 }

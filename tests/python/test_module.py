@@ -393,6 +393,8 @@ sys.exit(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
                 (TypeError, ("height is '32', expected an integer",), lambda: frame(view._replace(height="32"))),
                 (TypeError, ("index is '0', expected an integer",), lambda: renderer.windows(speech, "0")),
                 (TypeError, ("warp is '1', expected a number",), lambda: self.context.speech("clip/aud.wav", "1")),
+                (ValueError, ("kind: holds a null character",),
+                 lambda: self.context.speech("clip/aud.wav", kind="cepstra-1\0x")),
                 (ernerf.Error, ('kind is "hubert"',), lambda: self.context.speech("clip/aud.wav", kind="hubert")),
                 (TypeError, ("image_scale is '1', expected a number",),
                  lambda: ernerf.Renderer(self.backend, model, image_scale="1")),

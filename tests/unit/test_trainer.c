@@ -534,6 +534,35 @@ static void test_bad_configuration(void **state) {
   made_close(&m);
 }
 
+static ern_status keep_psnr(void *user, uint64_t step, double psnr, size_t frames, const uint8_t *picture, int width,
+                            int height, const char *name) {
+  (void)step, (void)frames, (void)picture, (void)width, (void)height, (void)name;
+  *(double *)user = psnr;
+  return ERN_OK;
+}
+
+static double psnr_of_dubbed(struct made *m, ern_box dubbed) {
+  double psnr = NAN;
+  const ern_train_hooks hooks = {.user = &psnr, .validation = keep_psnr};
+  ern_train_config config = small_config(1, NULL);
+  config.ray_sampling = ERN_RAY_SAMPLING_DUB;
+  m->dubbed = dubbed;
+  support_ok(m->context, train(m, &config, &hooks));
+  return psnr;
+}
+
+/* A box of what is dubbed that has no pixel in the picture counts as unknown: the PSNR is that of all of it. */
+static void test_validation_without_a_box(void **state) {
+  (void)state;
+  static const ern_box outside[] = {{2, 8, SIDE, SIDE + 9}, {SIDE, SIDE + 4, 2, 8}, {-9, 0, 2, 8}, {8, 2, 2, 8}};
+  struct made m;
+  made_open(&m);
+  const double whole = psnr_of_dubbed(&m, (ern_box){0});
+  assert_true(psnr_of_dubbed(&m, (ern_box){2, 8, 2, 8}) != whole);
+  for (size_t i = 0; i < sizeof outside / sizeof *outside; i++) assert_true(psnr_of_dubbed(&m, outside[i]) == whole);
+  made_close(&m);
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_threads_long),
                                      cmocka_unit_test(test_seed),
@@ -554,6 +583,7 @@ int main(void) {
                                      cmocka_unit_test(test_ema_before_its_time_long),
                                      cmocka_unit_test(test_ema_of_a_torso_long),
                                      cmocka_unit_test(test_refresh_every_long),
-                                     cmocka_unit_test(test_bad_configuration)};
+                                     cmocka_unit_test(test_bad_configuration),
+                                     cmocka_unit_test(test_validation_without_a_box)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

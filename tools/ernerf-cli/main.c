@@ -133,7 +133,12 @@ int main(int argc, char **argv) {
     fprintf(stderr, "ernerf: the library's version is %s, expected %s\n", ern_version(), expected);
     return EXIT_FAILURE;
   }
+  session_watch_json();
   const int status = run(argc, argv);
+  if (status == EXIT_SUCCESS && session_json_refused()) {
+    fprintf(stderr, "ernerf: no memory for a JSON value, which what was printed or written may lack\n");
+    return EXIT_FAILURE;
+  }
   if (status != EXIT_SUCCESS || (fflush(stdout) == 0 && !ferror(stdout))) return status;
   fprintf(stderr, "ernerf: standard output: cannot be written: %s\n", strerror(errno));
   return EXIT_FAILURE;

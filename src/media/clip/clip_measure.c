@@ -108,11 +108,12 @@ ern_status ern_clip_feature_change(ern_context *context, const ern_features *fea
 }
 
 /* Only the viewer needs the sound, so one that cannot be read counts as none. */
-static void measure_sound(const ern_clip *clip, ern_clip_measures *m) {
+static ern_status measure_sound(const ern_clip *clip, ern_clip_measures *m) {
   static const double least = 0.00316227766 * 32768; /* -50 dB of full scale */
   ern_sound sound = {0};
   m->loud = -1;
-  if (ern_clip_sound(clip, &sound) != ERN_OK) return;
+  const ern_status status = ern_clip_sound(clip, &sound);
+  if (status != ERN_OK) return status == ERN_E_NO_MEMORY ? status : ERN_OK;
   const size_t piece = (size_t)(sound.rate / 25 > 0 ? sound.rate / 25 : 1), channels = (size_t)sound.channels;
   size_t loud = 0, pieces = 0;
   for (size_t at = 0; at + piece <= sound.frames; at += piece, pieces++) {
@@ -123,6 +124,7 @@ static void measure_sound(const ern_clip *clip, ern_clip_measures *m) {
   }
   m->loud = pieces > 0 ? (double)loud / (double)pieces : -1;
   ern_sound_free(ern_clip_context(clip), &sound);
+  return ERN_OK;
 }
 
 /* ---- pictures ---------------------------------------------------------------------------------------------------- */
@@ -270,7 +272,7 @@ ern_status ern_clip_measure_sized(ern_clip *clip, ern_clip_measures *measures, s
   ERN_TRY(measure_turn(clip, &own));
   measure_poses(clip, &own);
   measure_eyes(clip, &own);
-  measure_sound(clip, &own);
+  ERN_TRY(measure_sound(clip, &own));
   ERN_TRY(ern_clip_feature_change(ern_clip_context(clip), ern_clip_features(clip), &own.feature_change));
   ERN_TRY(measure_pictures(clip, &own));
   ern_struct_copy_out(measures, bytes, &own, sizeof own);

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT
  * Passes a coded stream on to an address: its packets go into another container as they are. */
+#include <libavutil/intreadwrite.h>
 #include <libavutil/time.h>
 #include <string.h>
 
@@ -9,7 +10,7 @@
 #include "media/ffmpeg.h"
 #include "media/live/address.h"
 
-enum { BLOCK = 32768, PATIENCE = 10 * 1000000 /* microseconds that an address may take to go on */ };
+enum { BLOCK = 32768, BOX_HEAD = 8, PATIENCE = 10 * 1000000 /* microseconds that an address may take to go on */ };
 
 struct copy {
   ern_context *context;
@@ -17,7 +18,9 @@ struct copy {
   ptrdiff_t (*read)(void *user, void *bytes, size_t most);
   int (*stop)(void *user);
   void *user;
-  int64_t until; /* microseconds: when the address has taken too long; INT64_MAX: it is not waited for */
+  uint64_t inside; /* bytes of the mp4's box that are still to be read; 0: a box begins */
+  ptrdiff_t wrong; /* what `read` returned out of its range; 0: nothing */
+  int64_t until;   /* microseconds: when the address has taken too long; INT64_MAX: it is not waited for */
   AVIOContext *from, *to;
   AVFormatContext *in, *out;
   AVPacket *packet;
@@ -28,10 +31,36 @@ static int is_late(void *user) {
   return (c->stop != NULL && c->stop(c->user) != 0) || av_gettime_relative() > c->until;
 }
 
+/* What `read` returned; 0 at the end. */
+static size_t read_some(struct copy *c, uint8_t *bytes, size_t most) {
+  const ptrdiff_t count = c->wrong == 0 ? c->read(c->user, bytes, most) : 0;
+  if (count < 0 || (size_t)count > most) c->wrong = count;
+  return c->wrong == 0 ? (size_t)count : 0;
+}
+
+static bool read_all(struct copy *c, uint8_t *bytes, size_t count) {
+  size_t done = 0, more = 1;
+  for (; done < count && more > 0; done += more) more = read_some(c, bytes + done, count - done);
+  return done == count;
+}
+
+/* FFmpeg goes back within the boxes that describe pictures and sound, which it can do in what one call has read: they
+ * are handed over whole, however few bytes `read` has at a time. */
 static int take(void *user, uint8_t *bytes, int most) {
   struct copy *c = user;
-  const ptrdiff_t count = c->read(c->user, bytes, (size_t)most);
-  return count > 0 && count <= most ? (int)count : AVERROR_EOF;
+  const size_t room = (size_t)most;
+  if (c->inside > 0) {
+    const size_t count = read_some(c, bytes, c->inside < room ? (size_t)c->inside : room);
+    c->inside -= count;
+    return count > 0 ? (int)count : AVERROR_EOF;
+  }
+  if (room < BOX_HEAD || !read_all(c, bytes, BOX_HEAD)) return AVERROR_EOF;
+  const uint32_t size = AV_RB32(bytes);
+  c->inside = size >= BOX_HEAD ? size - BOX_HEAD : UINT64_MAX; /* UINT64_MAX: up to the end */
+  if (memcmp(bytes + 4, "mdat", 4) == 0 || c->inside > room - BOX_HEAD) return BOX_HEAD;
+  if (!read_all(c, bytes + BOX_HEAD, (size_t)c->inside)) return AVERROR_EOF;
+  c->inside = 0;
+  return (int)size;
 }
 
 static const char *muxer_of(const char *url) {
@@ -141,6 +170,10 @@ ern_status ern_stream_copy(ern_context *context, const char *url,
   if (status == ERN_OK) status = write_head(&copy);
   if (status == ERN_OK) status = copy_packets(&copy);
   close_copy(&copy);
-  if (stop != NULL && stop(user) != 0) return ern_fail(context, ERN_E_CANCELLED, "%s: stopped", url);
+  if (copy.wrong != 0)
+    return ern_fail(context, ERN_E_ARGUMENT,
+                    "%s: read returned %td bytes, expected 0, or 1 to as many as it was asked for", url, copy.wrong);
+  if (status != ERN_OK && stop != NULL && stop(user) != 0)
+    return ern_fail(context, ERN_E_CANCELLED, "%s: stopped", url);
   return status;
 }

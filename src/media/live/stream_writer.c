@@ -215,7 +215,7 @@ static ern_status end_piece(ern_stream_writer *w, ern_stream_piece piece) {
   int error = av_write_frame(w->muxer.container, NULL);
   avio_flush(io);
   if (error >= 0) error = io->error;
-  if (error >= 0 && w->options.write(w->options.user, NULL, 0, piece) != 0) error = AVERROR(EIO);
+  if (error >= 0 && w->options.write(w->options.user, "", 0, piece) != 0) error = AVERROR(EIO);
   return error >= 0 ? ERN_OK : ern_av_fail(w->context, ERN_E_IO, w->url, "write", error);
 }
 

@@ -47,6 +47,11 @@ fail:
   return status;
 }
 
+static bool has_pixel(const ern_box *box, const struct ern_view *view) {
+  return box->left < box->right && box->top < box->bottom && box->left < view->width && box->top < view->height &&
+         box->right > 0 && box->bottom > 0;
+}
+
 static ern_status render(const struct ern_trainer_speech *speech, const struct ern_trainer_poses *poses,
                          struct look *look, int split, size_t frame, const uint8_t **truth, double *psnr) {
   const struct ern_training *t = speech->training;
@@ -77,7 +82,8 @@ static ern_status render(const struct ern_trainer_speech *speech, const struct e
   }
   const ern_frame_output output = {.rgb = look->rgb, .attention = look->attention, .eye = look->eye};
   ERN_TRY(ern_renderer_frame(look->renderer, &input, &output, NULL));
-  const bool dub = !t->config.torso && t->config.ray_sampling == ERN_RAY_SAMPLING_DUB && about.dubbed.right > 0;
+  const bool dub =
+      !t->config.torso && t->config.ray_sampling == ERN_RAY_SAMPLING_DUB && has_pixel(&about.dubbed, &view);
   *psnr = ern_psnr(look->rgb, *truth, view.width, view.height, dub ? &about.dubbed : NULL);
 fail:
   return status;

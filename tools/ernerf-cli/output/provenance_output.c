@@ -177,7 +177,7 @@ int provenance_write(struct provenance *provenance, struct session *session, jso
   int status = 0;
   if (provenance->path[0] != 0) status = add_hash(provenance, session);
   if (provenance->path[0] != 0 && status == 0) {
-    if (more != NULL && json_object_update(provenance->about, more) == 0)
+    if (more != NULL && json_object_update(provenance->about, more) == 0 && !session_json_refused())
       text = json_dumps(provenance->about, JSON_INDENT(2));
     if (text != NULL && provenance->replaces && is_own(provenance->path)) (void)unlink(provenance->path);
     if (text == NULL)

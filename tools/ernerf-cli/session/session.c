@@ -7,6 +7,7 @@
 #include <math.h>
 #include <signal.h>
 #include <stdarg.h>
+#include <stdatomic.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -16,8 +17,9 @@
 #include "ernerf/data.h"
 #include "ernerf/media.h"
 
-static volatile sig_atomic_t interrupted; /* number of the signal */
-static int stopped_by;                    /* the signal that session_stop_with reported */
+static atomic_int interrupted; /* number of the signal, which may come to any thread */
+static atomic_int stopped_by;  /* the signal that session_stop_with reported */
+static atomic_bool json_refused;
 
 /* The next SIGINT or SIGTERM ends the program at once. When a terminal closes, SIGHUP comes twice, from the system and
  * from the shell: both count as one. */
@@ -25,10 +27,10 @@ static void catch_interrupt(int number) {
   signal(SIGINT, SIG_DFL);
   signal(SIGTERM, SIG_DFL);
   signal(SIGHUP, SIG_IGN);
-  interrupted = number;
+  atomic_store(&interrupted, number);
 }
 
-bool session_interrupted(void) { return interrupted != 0; }
+bool session_interrupted(void) { return atomic_load(&interrupted) != 0; }
 
 /* ---- options ----------------------------------------------------------------------------------------------------- */
 
@@ -101,11 +103,14 @@ int session_stop_with(struct session *session, const char *format, ...) {
   va_start(values, format);
   say_end(session, format, values);
   va_end(values);
-  stopped_by = (int)interrupted;
+  atomic_store(&stopped_by, atomic_load(&interrupted));
   return EXIT_FAILURE;
 }
 
-int session_exit_status(int status) { return status == EXIT_FAILURE && stopped_by > 0 ? 128 + stopped_by : status; }
+int session_exit_status(int status) {
+  const int number = atomic_load(&stopped_by);
+  return status == EXIT_FAILURE && number > 0 ? 128 + number : status;
+}
 
 int session_fail(struct session *session) {
   char text[SESSION_HELD];
@@ -231,6 +236,16 @@ void session_close(struct session *session) {
 
 /* ---- the object of --json ---------------------------------------------------------------------------------------- */
 
+static void *json_memory(size_t bytes) {
+  void *memory = malloc(bytes);
+  if (memory == NULL) atomic_store(&json_refused, true);
+  return memory;
+}
+
+void session_watch_json(void) { json_set_alloc_funcs(json_memory, free); }
+
+bool session_json_refused(void) { return atomic_load(&json_refused); }
+
 bool session_json_on_stdout(const struct session *session) {
   return session->json != NULL && strcmp(session->json, "-") == 0;
 }
@@ -326,9 +341,10 @@ static char *text_of(json_t *object) {
 int session_write_json(struct session *session, const char *path, json_t *object) {
   char *text = text_of(object);
   json_decref(object);
-  if (text == NULL) return session_fail_with(session, "no memory for the JSON object");
   int status = 0;
-  if (strcmp(path, "-") != 0)
+  if (text == NULL || session_json_refused())
+    status = session_fail_with(session, "no memory for the JSON object");
+  else if (strcmp(path, "-") != 0)
     status = session_write(session, path, text, strlen(text));
   else if (fputs(text, stdout) < 0 || fflush(stdout) != 0)
     status = session_fail_with(session, "standard output: cannot be written: %s", strerror(errno));

@@ -87,6 +87,11 @@ void session_note_rank(struct session *session, const char *format, ...) ERN_PRI
  * process. */
 bool session_interrupted(void);
 
+/* From the first call on, session_json_refused tells whether an allocation of the JSON library was refused: objects may
+ * then lack values, as that library does not always say so. Before all other JSON. */
+void session_watch_json(void);
+bool session_json_refused(void);
+
 /* Whether --json writes to standard output, which then must receive nothing else. */
 bool session_json_on_stdout(const struct session *session);
 /* Writes the object to the target of --json, atomically; does nothing without --json. Takes the reference. Returns 0 or
