@@ -24,12 +24,14 @@ uint8_t median_of(std::vector<uint8_t> &values) {
   return *middle;
 }
 
+/* A pixel visible in fewer examples counts as never seen: close to the person, their masks may lack hair or an ear. */
+size_t least_examples(const ern_person_model &model) { return (model.examples.size() + 7) / 8; }
+
 /* Median and noise (1.48 times the median absolute deviation, of the channel with the greatest) of each pixel over the
- * examples in which it is visible. A pixel visible in fewer than an eighth of the examples counts as never seen: close
- * to the person, their masks may lack hair or an ear. */
+ * examples in which it is visible. */
 void medians(ern_person_model *model, cv::Mat &noise) {
   const int n = model->side;
-  const size_t least = (model->examples.size() + 7) / 8;
+  const size_t least = least_examples(*model);
   std::vector<cv::Mat> places;
   for (const ern_person_example &example : model->examples) places.push_back(free_of(*model, example));
   model->background.create(n, n, CV_8UC3);
@@ -171,6 +173,31 @@ void ern_person_background(ern_person_model *model, const uint8_t *background, b
   model->small_noise += model->small_trust;
   model->small_trust *= -32.0 / model->work;
   cv::exp(model->small_trust, model->small_trust);
+}
+
+void ern_person_background_reveal(ern_person_model *model) {
+  const int n = model->side, beside = std::max(1, model->work / 128);
+  const cv::Mat disc = cv::getStructuringElement(cv::MORPH_ELLIPSE, cv::Size(2 * beside + 1, 2 * beside + 1));
+  std::vector<cv::Mat> places;
+  for (const ern_person_example &example : model->examples) {
+    cv::Mat person, whole;
+    cv::dilate(example.mask, person, disc);
+    cv::resize(person, whole, cv::Size(n, n), 0, 0, cv::INTER_LINEAR);
+    places.push_back(whole == 0);
+  }
+  cv::Mat revealed = model->background.clone(), known = model->seen.clone();
+  std::vector<uint8_t> values;
+  for (int y = 0; y < n; y++)
+    for (int x = 0; x < n; x++)
+      for (int i = 0; i < 3 && model->seen.at<uchar>(y, x) == 0; i++) {
+        values.clear();
+        for (size_t k = 0; k < places.size(); k++)
+          if (places[k].at<uchar>(y, x) != 0) values.push_back(model->examples[k].frame.at<cv::Vec3b>(y, x)[i]);
+        if (values.size() < least_examples(*model)) break;
+        revealed.at<cv::Vec3b>(y, x)[i] = median_of(values);
+        known.at<uchar>(y, x) = 255;
+      }
+  model->shown = filled(revealed, known);
 }
 
 void ern_person_place_moves(const ern_person_model &model, ern_person_found *found) {

@@ -82,6 +82,9 @@ cv::Mat ern_person_warp_mask(const ern_person_model &model, const cv::Mat &mask,
                              const ern_layer_face &to);
 /* Estimates the background from the examples and their masks. */
 void ern_person_background(ern_person_model *model, const uint8_t *background, bool key, ern_person_found *found);
+/* Fills what the estimate had to leave out near the person, for the clip alone, from the examples and their last masks.
+ */
+void ern_person_background_reveal(ern_person_model *model);
 /* Stores the examples as references for motion. */
 void ern_person_motion_learn(ern_person_model *model);
 /* Log odds of the person in each pixel of work by motion against the references, -5..5. */

@@ -387,6 +387,7 @@ ern_status ern_person_model_learn(ern_person_model *model, const uint8_t *backgr
       }
       learn_static(model);
     }
+    if (background == nullptr && !key) ern_person_background_reveal(model);
     model->examples.clear();
     return ERN_OK;
   });
