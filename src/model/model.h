@@ -18,11 +18,9 @@ struct ern_model {
   float *torso_grid; /* [ERN_TORSO_CELLS], NULL without a torso */
   float *camera;     /* trained refinement of the training poses: [cameras][3] degrees, then [cameras][3] moves */
   size_t cameras;    /* 0: there is none */
-  /* Fits (pose_regression.h) for untrained frames: of `camera` on the poses, and of the body's motion
-   * (ern_frame_input).
-   */
+  /* Fits on the poses (pose_regression.h), for untrained frames: of `camera`, and of the body's motion. */
   float unseen[ERN_POSE_REGRESSION_ROWS][ERN_POSE_CORRECTION];
-  bool has_motion; /* the torso was trained with the body's motion */
+  bool has_motion; /* the torso was trained with the body's motion (ern_frame_input) */
   float motion[ERN_POSE_REGRESSION_ROWS][ERN_MOTION_VALUES];
   uint64_t head_steps, torso_steps;
   struct ern_view_settings view;

@@ -24,7 +24,7 @@ constexpr int most_work = 256; /* pixels a side of the pictures that are compare
 constexpr double texture = 9;  /* squared grey levels a pixel at which a pixel has half of the weight */
 constexpr double residual = 1; /* pixels of work at which a pixel has half of the weight */
 constexpr int rounds = 3;      /* of the reweighted fit */
-constexpr int side = ERN_MOTION_SIDE, points = side * side; /* control points */
+constexpr int grid_side = ERN_MOTION_SIDE, points = grid_side * grid_side; /* control points */
 constexpr double bending = 3, stretching = 0.01; /* weights of second and first differences of control points, in
                                                     pixels with full weight */
 constexpr int least_pixels = 200;
@@ -79,13 +79,13 @@ struct Cell {
   int first;
   double weight[4];
 };
-constexpr int corner[4] = {0, 1, side, side + 1};
+constexpr int corner[4] = {0, 1, grid_side, grid_side + 1};
 
 Cell cell_of(int y, int x, int work) {
-  const double row = (y + 0.5) / work * (side - 1), column = (x + 0.5) / work * (side - 1);
-  const int r = std::min(int(row), side - 2), c = std::min(int(column), side - 2);
+  const double row = (y + 0.5) / work * (grid_side - 1), column = (x + 0.5) / work * (grid_side - 1);
+  const int r = std::min(int(row), grid_side - 2), c = std::min(int(column), grid_side - 2);
   const double down = row - r, right = column - c;
-  return {r * side + c, {(1 - down) * (1 - right), (1 - down) * right, down * (1 - right), down * right}};
+  return {r * grid_side + c, {(1 - down) * (1 - right), (1 - down) * right, down * (1 - right), down * right}};
 }
 
 cv::Vec2d moved_by(const cv::Mat &control, const Cell &cell) {
@@ -102,10 +102,10 @@ cv::Mat stiffness() {
       for (const auto &b : difference) form.at<double>(a.first, b.first) += weight * a.second * b.second;
   };
   for (int p = 0; p < points; p++)
-    for (const int step : {1, side}) {
-      const int at = step == 1 ? p % side : p / side;
-      if (at + 1 < side) add(stretching, {{p, 1}, {p + step, -1}});
-      if (at + 2 < side) add(bending, {{p, 1}, {p + step, -2}, {p + 2 * step, 1}});
+    for (const int step : {1, grid_side}) {
+      const int at = step == 1 ? p % grid_side : p / grid_side;
+      if (at + 1 < grid_side) add(stretching, {{p, 1}, {p + step, -1}});
+      if (at + 2 < grid_side) add(bending, {{p, 1}, {p + step, -2}, {p + 2 * step, 1}});
     }
   return form;
 }
