@@ -24,6 +24,14 @@ uint8_t median_of(std::vector<uint8_t> &values) {
   return *middle;
 }
 
+/* The values of a pixel's channel in the examples whose place is 255 there. */
+void collect(const ern_person_model &model, const std::vector<cv::Mat> &places, int y, int x, int channel,
+             std::vector<uint8_t> &values) {
+  values.clear();
+  for (size_t k = 0; k < places.size(); k++)
+    if (places[k].at<uchar>(y, x) != 0) values.push_back(model.examples[k].frame.at<cv::Vec3b>(y, x)[channel]);
+}
+
 /* A pixel visible in fewer examples counts as never seen: close to the person, their masks may lack hair or an ear. */
 size_t least_examples(const ern_person_model &model) { return (model.examples.size() + 7) / 8; }
 
@@ -46,9 +54,7 @@ void medians(ern_person_model *model, cv::Mat &noise) {
       float most = NOISE_LEAST;
       size_t count = 0;
       for (int i = 0; i < 3; i++) {
-        values.clear();
-        for (size_t k = 0; k < places.size(); k++)
-          if (places[k].at<uchar>(y, x) != 0) values.push_back(model->examples[k].frame.at<cv::Vec3b>(y, x)[i]);
+        collect(*model, places, y, x, i, values);
         count = values.size();
         if (count == 0) break;
         b[i] = median_of(values);
@@ -190,9 +196,7 @@ void ern_person_background_reveal(ern_person_model *model) {
   for (int y = 0; y < n; y++)
     for (int x = 0; x < n; x++)
       for (int i = 0; i < 3 && model->seen.at<uchar>(y, x) == 0; i++) {
-        values.clear();
-        for (size_t k = 0; k < places.size(); k++)
-          if (places[k].at<uchar>(y, x) != 0) values.push_back(model->examples[k].frame.at<cv::Vec3b>(y, x)[i]);
+        collect(*model, places, y, x, i, values);
         if (values.size() < least_examples(*model)) break;
         revealed.at<cv::Vec3b>(y, x)[i] = median_of(values);
         known.at<uchar>(y, x) = 255;

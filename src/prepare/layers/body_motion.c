@@ -60,7 +60,8 @@ static ern_status write_motion(struct body *b) {
                            (size_t[]){job->frames, 2, ERN_MOTION_SIDE, ERN_MOTION_SIDE});
 }
 
-/* The reference becomes the mean picture of frames that were moved onto it, twice, as the first one moves them ill. */
+/* The reference becomes the mean picture of frames that were moved onto it; then again, as they fit a mean better than
+ * the single frame that it was at first. */
 static ern_status mean_reference(struct body *b, struct ern_body_reference *reference) {
   const size_t frames = b->job->frames, count = frames < MEAN_OF ? frames : MEAN_OF;
   ern_status status = ERN_OK;
