@@ -1,6 +1,8 @@
 /* SPDX-License-Identifier: MIT
  * How the body moves: a free-form deformation (Sederberg and Parry, 1986; here bilinear) of each frame onto a
- * reference, fitted to dense optical flow in the pixels of neck and torso. */
+ * reference, fitted to dense optical flow in the pixels of neck and torso, then to the colours of these pixels by
+ * Gauss-Newton steps (Lucas and Kanade, 1981). */
+#include <Eigen/SparseCholesky>
 #include <algorithm>
 #include <cmath>
 #include <memory>
@@ -11,10 +13,11 @@
 struct ern_body_reference {
   ern_context *context;
   int side, work;
-  cv::Mat place;         /* the background, CV_32FC3 [work][work] */
-  cv::Mat grey, picture; /* of the reference: CV_8U; CV_32FC3 */
-  cv::Mat sum, weight;   /* of the frames that are added, on the reference: CV_32FC3, CV_32F */
-  cv::Mat stiffness;     /* of the deformation, CV_64F [points][points] */
+  cv::Mat place;               /* the background, CV_32FC3 [work][work] */
+  cv::Mat grey, picture;       /* of the reference: CV_8U; CV_32FC3 */
+  cv::Mat smooth, down, right; /* the picture blurred, and its derivatives along a column and a row: CV_32FC3 */
+  cv::Mat sum, weight;         /* of the frames that are added, on the reference: CV_32FC3, CV_32F */
+  cv::Mat stiffness;           /* of the deformation, CV_64F [points][points] */
   cv::Ptr<cv::DISOpticalFlow> flow;
 };
 
@@ -28,6 +31,11 @@ constexpr int grid_side = ERN_MOTION_SIDE, points = grid_side * grid_side; /* co
 constexpr double bending = 3, stretching = 0.01; /* weights of second and first differences of control points, in
                                                     pixels with full weight */
 constexpr int least_pixels = 200;
+constexpr double blur = 0.7;      /* pixels of work: of what colours are compared in */
+constexpr double outlier = 400;   /* squared distance of two colours at which a pixel has half of the weight */
+constexpr double noise = 20;      /* squared grey levels: what bending and stretching are weighed against */
+constexpr int steps = 3;          /* of Gauss-Newton */
+constexpr double most_step = 1.5; /* pixels of work */
 constexpr float least_frames = 3; /* that show a pixel of the mean picture */
 
 struct Body {
@@ -146,11 +154,90 @@ bool fit(const ern_body_reference &r, const cv::Mat &flow, const cv::Mat &mask, 
   return true;
 }
 
+void set_reference(ern_body_reference &r, const cv::Mat &picture) {
+  r.picture = picture;
+  r.grey = grey_of(picture);
+  cv::GaussianBlur(picture, r.smooth, cv::Size(0, 0), blur);
+  cv::Sobel(r.smooth, r.down, CV_32F, 0, 1, 3, 1.0 / 8);
+  cv::Sobel(r.smooth, r.right, CV_32F, 1, 0, 3, 1.0 / 8);
+}
+
+/* The normal equations of a step d of all control points, first all moves down, then all moves right, pixels of work:
+ * the least sum over pixels of weight |reference + derivatives d - picture|^2, and noise times the deformation's
+ * stiffness. */
+struct Normal {
+  Eigen::MatrixXd matrix;
+  Eigen::VectorXd right;
+};
+
+/* Adds a pixel at which the reference, minus the picture, is `off`. */
+void add_pixel(Normal &normal, const Cell &cell, const cv::Vec3f &off, const cv::Vec3f &down, const cv::Vec3f &right) {
+  const double weight = 1 / (1 + double(off.dot(off)) / outlier);
+  const double tensor[3] = {weight * down.dot(down), weight * down.dot(right), weight * right.dot(right)};
+  for (int a = 0; a < 4; a++) {
+    const int p = cell.first + corner[a];
+    normal.right[p] -= cell.weight[a] * weight * down.dot(off);
+    normal.right[points + p] -= cell.weight[a] * weight * right.dot(off);
+    for (int b = 0; b < 4; b++) {
+      const int q = cell.first + corner[b];
+      const double share = cell.weight[a] * cell.weight[b];
+      normal.matrix(p, q) += share * tensor[0];
+      normal.matrix(points + p, q) += share * tensor[1];
+      normal.matrix(p, points + q) += share * tensor[1];
+      normal.matrix(points + p, points + q) += share * tensor[2];
+    }
+  }
+}
+
+void add_stiffness(Normal &normal, const cv::Mat &stiffness, const cv::Mat &control) {
+  for (int p = 0; p < points; p++)
+    for (int q = 0; q < points; q++)
+      for (int d = 0; d < 2; d++) {
+        const double stiff = noise * stiffness.at<double>(p, q);
+        normal.matrix(d * points + p, d * points + q) += stiff;
+        normal.right[d * points + p] -= stiff * control.at<cv::Vec2d>(q)[d];
+      }
+  normal.matrix.diagonal().array() += 1e-3;
+}
+
+/* Moves the control points by a step. picture, mask: of the frame, blurred and without its border. */
+bool improve(const ern_body_reference &r, const cv::Mat &picture, const cv::Mat &mask, cv::Mat &control) {
+  Normal normal = {Eigen::MatrixXd::Zero(2 * points, 2 * points), Eigen::VectorXd::Zero(2 * points)};
+  cv::Mat place(r.work, r.work, CV_32FC2), seen, down, right;
+  for (int y = 0; y < r.work; y++)
+    for (int x = 0; x < r.work; x++) {
+      const cv::Vec2d by = moved_by(control, cell_of(y, x, r.work));
+      place.at<cv::Vec2f>(y, x) = cv::Vec2f(float(x + by[1]), float(y + by[0]));
+    }
+  cv::remap(r.smooth, seen, place, cv::noArray(), cv::INTER_LINEAR, cv::BORDER_REPLICATE);
+  cv::remap(r.down, down, place, cv::noArray(), cv::INTER_LINEAR, cv::BORDER_REPLICATE);
+  cv::remap(r.right, right, place, cv::noArray(), cv::INTER_LINEAR, cv::BORDER_REPLICATE);
+  for (int y = 0; y < r.work; y++)
+    for (int x = 0; x < r.work; x++)
+      if (mask.at<uchar>(y, x) != 0)
+        add_pixel(normal, cell_of(y, x, r.work), seen.at<cv::Vec3f>(y, x) - picture.at<cv::Vec3f>(y, x),
+                  down.at<cv::Vec3f>(y, x), right.at<cv::Vec3f>(y, x));
+  add_stiffness(normal, r.stiffness, control);
+  const Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>> solver(normal.matrix.sparseView());
+  if (solver.info() != Eigen::Success) return false;
+  const Eigen::VectorXd step = solver.solve(normal.right);
+  if (!step.allFinite()) return false;
+  for (int p = 0; p < points; p++)
+    for (int d = 0; d < 2; d++)
+      control.at<cv::Vec2d>(p)[d] += std::min(std::max(step[d * points + p], -most_step), most_step);
+  return true;
+}
+
 bool find(const ern_body_reference &r, const Body &body, cv::Mat &control) {
   const cv::Mat grey = grey_of(body.picture);
-  cv::Mat flow;
+  cv::Mat flow, smooth, inner;
   r.flow->calc(grey, r.grey, flow);
-  return fit(r, flow, body.mask, texture_of(grey), control);
+  if (!fit(r, flow, body.mask, texture_of(grey), control)) return false;
+  cv::GaussianBlur(body.picture, smooth, cv::Size(0, 0), blur);
+  cv::erode(body.mask, inner, cv::Mat(), cv::Point(-1, -1), 2);
+  for (int step = 0; step < steps; step++)
+    if (!improve(r, smooth, inner, control)) return false;
+  return true;
 }
 
 /* Adds a pixel's colour to the four pixels of the reference round (y, x), pixels of work. */
@@ -183,8 +270,7 @@ ern_status ern_body_reference_make(ern_context *context, int side, const uint8_t
     small.convertTo(made->place, CV_32FC3);
     made->flow = cv::DISOpticalFlow::create(cv::DISOpticalFlow::PRESET_MEDIUM);
     made->flow->setFinestScale(0);
-    made->picture = body_of(*made, rgba, parts).picture;
-    made->grey = grey_of(made->picture);
+    set_reference(*made, body_of(*made, rgba, parts).picture);
     made->sum = cv::Mat::zeros(made->work, made->work, CV_32FC3);
     made->weight = cv::Mat::zeros(made->work, made->work, CV_32F);
     made->stiffness = stiffness();
@@ -215,7 +301,7 @@ ern_status ern_body_reference_mean(ern_body_reference *r) {
       for (int x = 0; x < r->work; x++)
         if (r->weight.at<float>(y, x) >= least_frames)
           r->picture.at<cv::Vec3f>(y, x) = r->sum.at<cv::Vec3f>(y, x) / r->weight.at<float>(y, x);
-    r->grey = grey_of(r->picture);
+    set_reference(*r, r->picture);
     r->sum.setTo(0);
     r->weight.setTo(0);
     return ERN_OK;
