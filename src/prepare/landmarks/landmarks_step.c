@@ -10,6 +10,7 @@
 #include "prepare/landmarks/landmark_network.h"
 #include "prepare/landmarks/landmarks_supplied.h"
 #include "prepare/landmarks/landmarks_template.h"
+#include "prepare/landmarks/mouth_aside.h"
 #include "prepare/landmarks/openface.h"
 #include "prepare/stabilized_crop.h"
 
@@ -80,7 +81,7 @@ static ern_status variance_of(struct fit *fit, const struct ern_stabilized_crop 
       sums[k] += v;
       sums[pixels + k] += v * v;
     }
-    ERN_TRY(ern_prepare_progress(fit->job, i / 2, looks + frames));
+    ERN_TRY(ern_prepare_progress(fit->job, i / 2, LOOKS + 2 * frames));
   }
   for (size_t k = 0; k < pixels; k++) {
     const double mean = sums[k] / (double)looks;
@@ -221,7 +222,7 @@ static ern_status follow_chin(struct fit *fit) {
     fit->opening[i] = i > 0 ? fit->opening[i - 1] : 0;
     ERN_TRY(chin_drop(fit, i, rest, crop, flow, values, &fit->opening[i]));
     sorted[i] = fit->opening[i];
-    ERN_TRY(ern_prepare_progress(fit->job, LOOKS / 2 + i, LOOKS + frames));
+    ERN_TRY(ern_prepare_progress(fit->job, LOOKS / 2 + i, LOOKS + 2 * frames));
   }
   const float closed = ern_quantile(sorted, frames, 0.1), wide = ern_quantile(sorted, frames, 0.95);
   for (size_t i = 0; i < frames; i++) fit->opening[i] = fminf(fmaxf(fit->opening[i] - closed, 0), most_drop);
@@ -282,6 +283,8 @@ static ern_status from_template(struct ern_prepare_job *job) {
   ERN_TRY(fit_eyes(&fit));
   ERN_TRY(fit_mouth(&fit));
   ERN_TRY(follow_chin(&fit));
+  ERN_TRY(ern_landmarks_check_aside(job, fit.poses, fit.middle_x + fit.mouth_x, fit.eyes_y - fit.mouth,
+                                    LOOKS / 2 + job->frames, LOOKS + 2 * job->frames));
   for (size_t i = 0; i < job->frames; i++) ERN_TRY(write_frame(&fit, i));
 fail:
   ern_release(job->context, fit.poses);
