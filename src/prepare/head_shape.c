@@ -58,12 +58,10 @@ static bool intersect(const double axes[3], const double o[3], const double d[3]
   return true;
 }
 
-bool ern_head_intersect(const struct ern_head_pose *pose, double focal, double centre, const double pixel[2], bool face,
-                        double point[3]) {
-  static const double axes[3] = {ERN_HEAD_WIDE, ERN_HEAD_TALL, ERN_HEAD_DEEP};
-  const double high[3] = {ERN_HEAD_WIDE, forehead, ERN_HEAD_DEEP};
+/* The ray through a pixel, o + along d, in the head's frame. */
+static void ray_of(const struct ern_head_pose *pose, double focal, double centre, const double pixel[2], double o[3],
+                   double d[3]) {
   const double way[3] = {(pixel[0] - centre) / focal, (centre - pixel[1]) / focal, -1};
-  double o[3], d[3];
   for (int i = 0; i < 3; i++) {
     o[i] = d[i] = 0;
     for (int k = 0; k < 3; k++) {
@@ -71,6 +69,30 @@ bool ern_head_intersect(const struct ern_head_pose *pose, double focal, double c
       d[i] += pose->rotation[k][i] * way[k];
     }
   }
+}
+
+double ern_head_nearest(const struct ern_head_pose *pose, double focal, double centre, const double pixel[2],
+                        double point[3]) {
+  static const double axes[3] = {ERN_HEAD_WIDE, ERN_HEAD_TALL, ERN_HEAD_DEEP};
+  double o[3], d[3], dd = 0, od = 0, square = 0;
+  ray_of(pose, focal, centre, pixel, o, d);
+  for (int i = 0; i < 3; i++) {
+    dd += d[i] * d[i] / (axes[i] * axes[i]);
+    od += o[i] * d[i] / (axes[i] * axes[i]);
+  }
+  for (int i = 0; i < 3; i++) {
+    point[i] = o[i] - od / dd * d[i];
+    square += point[i] * point[i] / (axes[i] * axes[i]);
+  }
+  return sqrt(square);
+}
+
+bool ern_head_intersect(const struct ern_head_pose *pose, double focal, double centre, const double pixel[2], bool face,
+                        double point[3]) {
+  static const double axes[3] = {ERN_HEAD_WIDE, ERN_HEAD_TALL, ERN_HEAD_DEEP};
+  const double high[3] = {ERN_HEAD_WIDE, forehead, ERN_HEAD_DEEP};
+  double o[3], d[3];
+  ray_of(pose, focal, centre, pixel, o, d);
   if (!intersect(axes, o, d, point)) return false;
   if (!face) return true;
   if (point[1] > 0) (void)intersect(high, o, d, point);

@@ -30,6 +30,10 @@ double ern_head_turn(const struct ern_head_pose *a, const struct ern_head_pose *
  * and nose) where `face` is set; false where the ray misses the ellipsoid. */
 bool ern_head_intersect(const struct ern_head_pose *pose, double focal, double centre, const double pixel[2], bool face,
                         double point[3]);
+/* point = the point of the ray through a pixel that is nearest to the ellipsoid's centre, lengths along its axes in
+ * semi-axes; returns that distance, which is 1 on the ellipsoid's outline. */
+double ern_head_nearest(const struct ern_head_pose *pose, double focal, double centre, const double pixel[2],
+                        double point[3]);
 /* z of the face (ellipsoid, forehead and nose) at x, y; 0 outside the ellipsoid's outline. */
 double ern_head_surface(double x, double y);
 /* The bounding box of the projected ellipsoid: least x, least y, greatest x, greatest y, pixels. */

@@ -89,7 +89,7 @@ ERN_NODISCARD ern_status ern_prepare_poses_read(struct ern_prepare_job *job, str
 ERN_NODISCARD ern_status ern_prepare_poses_supplied(struct ern_prepare_job *job, struct ern_head_pose *poses,
                                                     size_t *audio_mismatches);
 ERN_NODISCARD ern_status ern_prepare_poses_write(struct ern_prepare_job *job, const struct ern_head_pose *poses);
-/* poses_supplied.c. The step "pose" with the poses of options->poses. */
+/* pose/poses_supplied.c. The step "pose" with the poses of options->poses. */
 ERN_NODISCARD ern_status ern_prepare_poses_take(struct ern_prepare_job *job);
 /* Adds the verdict on the head's total range of rotation, degrees. */
 void ern_prepare_check_turn(struct ern_prepare_job *job, double turn);

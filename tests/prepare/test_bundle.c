@@ -2,7 +2,7 @@
  * Bundle adjustment on made-up rigid heads whose poses are known, and on what holds no pose. */
 #include <fcntl.h>
 
-#include "prepare/bundle.h"
+#include "prepare/pose/bundle.h"
 #include "prepare_test.h"
 
 enum { FRAMES = 60, POINTS = 200, FIXED = FRAMES / 2 };

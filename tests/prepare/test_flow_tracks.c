@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * Points followed by optical flow: a picture that is shifted, turned and enlarged by known amounts, and pictures that
  * hold nothing to follow. */
-#include "prepare/flow_tracks.h"
+#include "prepare/pose/flow_tracks.h"
 #include "prepare_test.h"
 
 enum { SIDE = 256, WAVES = 40 };

@@ -9,13 +9,22 @@
 
 #include "core/format.h"
 #include "io/file.h"
-#include "prepare/bundle.h"
-#include "prepare/flow_tracks.h"
 #include "prepare/head_shape.h"
+#include "prepare/pose/bundle.h"
+#include "prepare/pose/flow_tracks.h"
+#include "prepare/pose/pose_align.h"
 #include "prepare/prepare_job.h"
 #include "prepare/stabilized_crop.h"
 
-enum { REFERENCES = 9, CHOSEN = 90, WINDOW = 400, OVERLAP = 25, ROUNDS = 3 };
+enum {
+  REFERENCES = 9,
+  CHOSEN = 90,
+  WINDOW = 400,
+  OVERLAP = 25,
+  ROUNDS = 3,
+  MEAN_OF = 60,
+  PASSES = 2 + ERN_POSE_ALIGN_ROUNDS
+};
 /* A frame whose head is turned further than this from every reference's becomes a reference itself, degrees. */
 static const double reference_turn = 12;
 
@@ -201,12 +210,12 @@ static ern_status follow_all(struct tracking *t) {
   memcpy(warp, none, sizeof warp);
   for (size_t i = reference; i < frames; i++) {
     ERN_TRY(follow(t, i, i > reference ? i - 1 : reference, warp));
-    ERN_TRY(ern_prepare_progress(t->job, ++done, 2 * frames));
+    ERN_TRY(ern_prepare_progress(t->job, ++done, PASSES * frames));
   }
   memcpy(warp, none, sizeof warp);
   for (size_t i = reference; i-- > 0;) {
     ERN_TRY(follow(t, i, i + 1, warp));
-    ERN_TRY(ern_prepare_progress(t->job, ++done, 2 * frames));
+    ERN_TRY(ern_prepare_progress(t->job, ++done, PASSES * frames));
   }
 fail:
   return status;
@@ -230,7 +239,7 @@ static ern_status find_all(struct tracking *t) {
       ERN_TRY(find_points(t, r, warp));
     }
     ERN_TRY(keep_points(t, i));
-    ERN_TRY(ern_prepare_progress(t->job, frames + i + 1, 2 * frames));
+    ERN_TRY(ern_prepare_progress(t->job, frames + i + 1, PASSES * frames));
   }
 fail:
   return status;
@@ -370,6 +379,30 @@ static ern_status track(struct tracking *t, const struct ern_found_face *face) {
   ERN_TRY(adjust(t, ROUNDS));
   ERN_TRY(smooth(t));
 fail:
+  return status;
+}
+
+/* The last passes: each pose moves to where its frame looks like the mean of MEAN_OF frames. */
+static ern_status align(struct tracking *t) {
+  const size_t frames = t->job->frames, count = frames < MEAN_OF ? frames : MEAN_OF;
+  struct ern_pose_align *align = NULL;
+  ern_status status = ERN_OK;
+  ERN_TRY(ern_pose_align_make(t->job->context, t->job->side, t->job->focal, t->centre, &t->poses[t->at[0]], &align));
+  for (size_t round = 0; round < ERN_POSE_ALIGN_ROUNDS; round++) {
+    for (size_t i = 0; i < count; i++) {
+      const size_t frame = count > 1 ? i * (frames - 1) / (count - 1) : 0;
+      ERN_TRY(ern_frame_grey(t->job, frame, t->grey));
+      ERN_TRY(ern_pose_align_add(align, t->grey, &t->poses[frame]));
+    }
+    ERN_TRY(ern_pose_align_mean(align));
+    for (size_t i = 0; i < frames; i++) {
+      ERN_TRY(ern_frame_grey(t->job, i, t->grey));
+      ERN_TRY(ern_pose_align_refine(align, t->grey, &t->poses[i]));
+      ERN_TRY(ern_prepare_progress(t->job, (2 + round) * frames + i + 1, PASSES * frames));
+    }
+  }
+fail:
+  ern_pose_align_free(&align);
   return status;
 }
 
@@ -542,6 +575,7 @@ ern_status ern_prepare_pose(struct ern_prepare_job *job) {
   if (choose_reference(&t, faces, count, distances, &chosen)) {
     ERN_TRY(track(&t, &faces[chosen]));
     ERN_TRY(check_tracking(&t));
+    ERN_TRY(align(&t));
     ERN_TRY(ern_prepare_poses_write(job, t.poses));
   } else {
     ern_prepare_add_reason(

@@ -11,7 +11,7 @@
 #include <vector>
 
 extern "C" {
-#include "prepare/flow_tracks.h"
+#include "prepare/pose/flow_tracks.h"
 }
 
 struct ern_flow_reference {

@@ -10,7 +10,7 @@
 #include <vector>
 
 extern "C" {
-#include "prepare/bundle.h"
+#include "prepare/pose/bundle.h"
 }
 
 namespace {
