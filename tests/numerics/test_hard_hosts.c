@@ -1,9 +1,10 @@
 /* SPDX-License-Identifier: MIT
- * Programs that link the library and have changed what it computes in: rounding, denormal numbers, traps, the sign of
- * decimals. A training and two frames have the bytes that they have anywhere, and the program keeps its choice
+ * Programs that link the library and have changed what it computes in: rounding, denormal numbers, traps, stacks, the
+ * sign of decimals. A training and two frames have the bytes that they have anywhere, and the program keeps its choice
  * (docs/numerics.md). */
-#define _GNU_SOURCE /* feenableexcept */
+#define _GNU_SOURCE /* feenableexcept, pthread_setattr_default_np */
 #include <fenv.h>
+#include <pthread.h>
 #if defined __x86_64__
 #include <immintrin.h>
 #endif
@@ -155,6 +156,36 @@ static void test_host_that_traps(void **state) {
 #endif
 }
 
+static void *train_and_draw(void *unused) {
+  (void)unused;
+  expect_plain("small stacks");
+  return NULL;
+}
+
+/* case: a thread with 512 KiB of stack calls, and the default of other threads is 64 KiB | plain code: a thread of the
+ * library leaves its stack | here: the library's own threads have 512 KiB at least | bound: same bytes */
+static void test_host_of_small_stacks(void **state) {
+  (void)state;
+#if defined __GLIBC__
+  pthread_attr_t before, small, own;
+  pthread_t thread;
+  assert_int_equal(pthread_getattr_default_np(&before), 0);
+  assert_int_equal(pthread_attr_init(&small), 0);
+  assert_int_equal(pthread_attr_init(&own), 0);
+  assert_int_equal(pthread_attr_setstacksize(&small, 64 << 10), 0);
+  assert_int_equal(pthread_attr_setstacksize(&own, 512 << 10), 0);
+  assert_int_equal(pthread_setattr_default_np(&small), 0);
+  assert_int_equal(pthread_create(&thread, &own, train_and_draw, NULL), 0);
+  assert_int_equal(pthread_join(thread, NULL), 0);
+  assert_int_equal(pthread_setattr_default_np(&before), 0);
+  pthread_attr_destroy(&before);
+  pthread_attr_destroy(&small);
+  pthread_attr_destroy(&own);
+#else
+  skip();
+#endif
+}
+
 /* As many commas as part the values of its lines. The number of lines of a log follows the clock. */
 static void expect_commas(const char *path, size_t of_a_line) {
   size_t count = 0, commas = 0, lines = 0;
@@ -199,9 +230,11 @@ static int close_all(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_host_that_flushes_denormals), cmocka_unit_test(test_host_that_rounds_otherwise),
-      cmocka_unit_test(test_settings_of_a_host_that_rounds_otherwise), cmocka_unit_test(test_host_that_traps),
-      cmocka_unit_test(test_host_that_writes_commas)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_host_that_flushes_denormals),
+                                     cmocka_unit_test(test_host_that_rounds_otherwise),
+                                     cmocka_unit_test(test_settings_of_a_host_that_rounds_otherwise),
+                                     cmocka_unit_test(test_host_that_traps),
+                                     cmocka_unit_test(test_host_of_small_stacks),
+                                     cmocka_unit_test(test_host_that_writes_commas)};
   return cmocka_run_group_tests(tests, prepare, close_all);
 }
