@@ -105,6 +105,10 @@ typedef enum ern_log_level {
  * nearest, denormal numbers kept, nothing trapped. It restores the caller's environment before it returns. Hooks and
  * callbacks that it calls run in the environment that it has set. */
 
+/* Stack. A function needs up to 512 KiB of the stack of the thread that calls it. Where the default of threads is less,
+ * as with a small limit of the stack (ulimit -s) or in C libraries other than glibc, the program gives its threads
+ * more. */
+
 /* How files are written. A function that writes a file writes a temporary file in the same folder, flushes it to the
  * disk, and then gives it its name: a reader sees the old file or the new one, never a part. The temporary file of
  * FOLDER/NAME is FOLDER/NAME.ernerf-tmp. It is locked while it is written, so a second process that writes the same

@@ -7,6 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "core/floats.h"
 #include "core/format.h"
 #include "core/status.h"
 
@@ -92,6 +93,7 @@ static ern_status check(ern_context *context, const char *what, const ern_settin
 }
 
 void ern_settings_reset(const ern_setting *table, size_t rows, void *config) {
+  ERN_PLAIN_FLOATS;
   for (size_t i = 0; i < rows; i++) reset(&table[i], config);
 }
 
@@ -129,6 +131,7 @@ static bool read_count(const char *text, uint64_t *value) {
 }
 
 bool ern_setting_read(const ern_setting *s, const char *text, void *config) {
+  ERN_PLAIN_FLOATS;
   union value value = {0};
   uint64_t count = 0;
   double real = 0;
@@ -180,6 +183,7 @@ static void write_real(double value, bool wide, char text[ERN_SETTING_TEXT_BYTES
 }
 
 void ern_setting_write(const ern_setting *s, const void *config, char text[ERN_SETTING_TEXT_BYTES]) {
+  ERN_PLAIN_FLOATS;
   if (s == NULL || config == NULL || text == NULL) return;
   const union value value = value_of(s, config);
   switch (s->type) {
@@ -196,6 +200,7 @@ void ern_setting_write(const ern_setting *s, const void *config, char text[ERN_S
 }
 
 void ern_setting_expected(const ern_setting *s, char *text, size_t bytes) {
+  ERN_PLAIN_FLOATS;
   if (s == NULL || text == NULL || bytes == 0) return;
   const bool real = s->type == ERN_SETTING_FLOAT || s->type == ERN_SETTING_DOUBLE;
   if (s->type == ERN_SETTING_BOOL)

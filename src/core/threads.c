@@ -12,7 +12,8 @@
 
 enum {
   MAX_THREADS = ERN_THREADS_MOST,
-  SPINS = 400 /* checks before a thread sleeps: about 20 us, which is less than waking it takes */
+  SPINS = 400,            /* checks before a thread sleeps: about 20 us, which is less than waking it takes */
+  STACK_BYTES = 512 << 10 /* what a caller has too (base.h); of some systems the default of threads is less */
 };
 
 struct ern_pool {
@@ -76,6 +77,17 @@ static void *helper_main(void *argument) {
   }
 }
 
+static bool start(pthread_t *thread, struct worker *worker) {
+  pthread_attr_t attributes;
+  size_t bytes = 0;
+  if (pthread_attr_init(&attributes) != 0) return false;
+  if (pthread_attr_getstacksize(&attributes, &bytes) == 0 && bytes < STACK_BYTES)
+    (void)pthread_attr_setstacksize(&attributes, STACK_BYTES);
+  const bool started = pthread_create(thread, &attributes, helper_main, worker) == 0;
+  pthread_attr_destroy(&attributes);
+  return started;
+}
+
 ern_status ern_pool_make(ern_context *context, int threads, struct ern_pool **pool) {
   *pool = NULL;
   if (threads < 0 || threads > MAX_THREADS)
@@ -92,7 +104,7 @@ ern_status ern_pool_make(ern_context *context, int threads, struct ern_pool **po
   pthread_cond_init(&made->done, NULL);
   for (int i = 1; i < made->threads; i++) {
     made->worker[i] = (struct worker){made, i};
-    if (pthread_create(&made->helper[i], NULL, helper_main, &made->worker[i]) != 0) {
+    if (!start(&made->helper[i], &made->worker[i])) {
       const int wanted = made->threads;
       ern_pool_free(made);
       return ern_fail(context, ERN_E_NO_MEMORY, "threads: the system refused thread %d of %d", i + 1, wanted);

@@ -4,10 +4,12 @@
 #include <dlfcn.h>
 #include <string.h>
 
+#include "core/floats.h"
 #include "media/thin/load_trial.h"
 
 ern_status ern_library_load(ern_context *context, const char *what, const struct ern_loaded_library *library,
                             void **handle, const void **table) {
+  ERN_PLAIN_FLOATS; /* constructors of libraries compute, and some set the environment */
   *table = NULL;
   *handle = NULL;
   if (!ern_load_trial(library->file, library->first))

@@ -14,7 +14,7 @@
 #include "model/checkpoint.h"
 #include "model/kinds.h"
 #include "model/model.h"
-#include "model/torso_ops.h"
+#include "model/torso.h"
 
 static bool put_view(json_t *root, const struct ern_view_settings *view) {
   json_t *own = json_pack("{s:i, s:f, s:f, s:f, s:s}", "max_steps", view->max_steps, "dt_gamma", (double)view->dt_gamma,
@@ -235,6 +235,23 @@ static ern_status read_fade(ern_context *context, const json_t *root, const char
   return ERN_OK;
 }
 
+/* A member of a later version may change the picture, as voice_fade does. */
+static ern_status check_members(ern_context *context, json_t *root, const char *path) {
+  static const char known[] =
+      " backbone attention eye_attention levels feature_width window_length eye view torso torso_gamma codes bound "
+      "clip head_steps torso_steps speech speech_network consent dub voice_fade "
+      "max_steps dt_gamma torso_shrink scale audio_pad ";
+  const char *name;
+  json_t *value;
+  char word[48];
+  json_object_foreach(root, name, value) {
+    snprintf(word, sizeof word, " %s ", name);
+    if (strstr(known, word) == NULL)
+      return ern_fail(context, ERN_E_FORMAT, "%s: metadata \"ernerf\": this version knows no %.40s", path, name);
+  }
+  return ERN_OK;
+}
+
 static ern_status read_metadata(ern_context *context, const char *text, const char *path,
                                 struct ern_model_config *config, ern_model *identity) {
   json_error_t error;
@@ -255,6 +272,7 @@ static ern_status read_metadata(ern_context *context, const char *text, const ch
     bool *to;
   } flags[] = {{"eye", &config->eye}, {"torso", &config->torso}, {"torso_gamma", &config->torso_gamma}};
   ern_status status = ERN_OK;
+  ERN_TRY(check_members(context, root, path));
   ERN_TRY(read_kinds(context, root, path, config));
   for (size_t i = 0; i < sizeof integers / sizeof *integers; i++) {
     const json_t *value = json_object_get(root, integers[i].name);
@@ -430,18 +448,6 @@ fail:
   return status;
 }
 
-/* Earlier files have an affine motion: a row of six numbers of a fit, by which a point (r, c) of the picture moves by
- * (a_0 r + a_1 c + a_2, a_3 r + a_4 c + a_5). */
-static void spread_affine(float motion[ERN_MOTION_VALUES], const float a[6]) {
-  for (int i = 0; i < ERN_MOTION_VALUES; i++) {
-    const int point = i % (ERN_MOTION_VALUES / 2);
-    const float *of = a + (i == point ? 0 : 3);
-    const float row = 2 * (float)(point / ERN_MOTION_SIDE) / (ERN_MOTION_SIDE - 1) - 1;
-    const float column = 2 * (float)(point % ERN_MOTION_SIDE) / (ERN_MOTION_SIDE - 1) - 1;
-    motion[i] = of[0] * row + of[1] * column + of[2];
-  }
-}
-
 /* The regression of the body's motion, where the torso was trained with it. */
 static ern_status take_motion(ern_model *model, const struct ern_tensor_file *file, const char *path) {
   model->has_motion = model->field.config.torso && ern_tensor_file_find(file, "torso_motion_unseen") != NULL;
@@ -451,7 +457,7 @@ static ern_status take_motion(ern_model *model, const struct ern_tensor_file *fi
     const ern_status status = ern_tensor_take(model->context, file, path, "torso_motion_unseen", 2,
                                               (size_t[]){ERN_POSE_REGRESSION_ROWS, 6}, affine[0]);
     if (status != ERN_OK) return status;
-    for (int k = 0; k <= ERN_POSE_NUMBERS; k++) spread_affine(model->motion[k], affine[k]);
+    for (int k = 0; k <= ERN_POSE_NUMBERS; k++) ern_torso_motion_of_affine(model->motion[k], affine[k]);
     for (int k = ERN_POSE_NUMBERS + 1; k < ERN_POSE_REGRESSION_ROWS; k++)
       memcpy(model->motion[k], affine[k], sizeof affine[k]);
     return ERN_OK;

@@ -165,3 +165,13 @@ ern_status ern_torso_bwd(struct ern_stream *stream, const struct ern_torso_input
 fail:
   return status;
 }
+
+void ern_torso_motion_of_affine(float motion[ERN_MOTION_VALUES], const float a[6]) {
+  for (int i = 0; i < ERN_MOTION_VALUES; i++) {
+    const int point = i % (ERN_MOTION_VALUES / 2);
+    const float *of = a + (i == point ? 0 : 3);
+    const float row = 2 * (float)(point / ERN_MOTION_SIDE) / (ERN_MOTION_SIDE - 1) - 1;
+    const float column = 2 * (float)(point % ERN_MOTION_SIDE) / (ERN_MOTION_SIDE - 1) - 1;
+    motion[i] = of[0] * row + of[1] * column + of[2];
+  }
+}

@@ -45,6 +45,10 @@ static inline void ern_torso_motion_of(float motion[ERN_MOTION_VALUES], const fl
   for (int i = 0; i < ERN_MOTION_VALUES; i++) motion[i] = moved[i] * shrink;
 }
 
+/* motion of the affine one of earlier files, six numbers a: (r, c) moves by (a_0 r + a_1 c + a_2, a_3 r + a_4 c + a_5).
+ */
+void ern_torso_motion_of_affine(float motion[ERN_MOTION_VALUES], const float a[6]);
+
 /* q of pixels (row-major numbers of a width x height picture). */
 ERN_NODISCARD ern_status ern_torso_q(struct ern_stream *stream, ern_span pixel, int width, int height, float shrink,
                                      size_t n, ern_rows q);

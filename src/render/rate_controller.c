@@ -30,6 +30,7 @@ void ern_rate_controller_begin(ern_rate_controller *controller, const double *co
 }
 
 bool ern_rate_controller_holds(const ern_rate_controller *controller) {
+  ERN_PLAIN_FLOATS;
   return controller != NULL && controller->cost != NULL && controller->count > 0 &&
          controller->cost[controller->count - 1] * controller->slowness <= controller->budget;
 }

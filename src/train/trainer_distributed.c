@@ -3,6 +3,7 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "core/format.h"
 #include "core/memory.h"
 #include "train/parts/trainer_motion.h"
 #include "train/trainer.h"
@@ -22,9 +23,13 @@ static ern_status check_same(const struct ern_training *t, const char *what, con
 static ern_status check_same_training(const struct ern_training *t) {
   char own[512], words[64];
   const ern_setting *s;
-  snprintf(own, sizeof own, "backend %s (%s), clip %.12s, speech %.12s, %s of %zu parameters%s, loss of patches %s",
-           t->backend->name, t->backend->isa, t->identity, t->features, t->config.torso ? "torso" : "head",
-           t->model->field.parameters, t->data.head != NULL ? " with ern_dataset.head" : "", ern_trainer_fine_name(t));
+  ern_format(own, sizeof own,
+             "backend %s (%s), clip %.12s, files of its frames %s, scale %.9g, speech %.12s, %s of %zu parameters%s%s, "
+             "loss of patches %s",
+             t->backend->name, t->backend->isa, t->identity, t->fingerprint[0] != 0 ? t->fingerprint : "not known",
+             (double)t->data.scale, t->features, t->config.torso ? "torso" : "head", t->model->field.parameters,
+             t->data.has_torso ? " with torso pictures" : "", t->data.head != NULL ? " with ern_dataset.head" : "",
+             ern_trainer_fine_name(t));
   ern_status status = check_same(t, "", own);
   for (size_t i = 0; (s = ern_train_setting(i)) != NULL && status == ERN_OK; i++) {
     if (!s->same_everywhere) continue;

@@ -188,7 +188,8 @@ static void test_above(void **state) {
   made_close(&m);
 }
 
-/* Heights of a file that are not two ascending numbers of the scene, also where they are equal as floats. */
+/* Heights of a file that are not two ascending numbers of the scene, also where they are equal as floats; and a member
+ * that this version does not know. */
 static void test_refused(void **state) {
   (void)state;
   static const char *const wrong[] = {"[0.9,0.1]", "[-7,0.13]", "[null,1 ]", "[0.1,0.100000000001]"};
@@ -214,6 +215,10 @@ static void test_refused(void **state) {
     support_expect(m.context, ern_model_load(&model, m.context, "bad.safetensors"), ERN_E_FORMAT, "bad.safetensors",
                    "voice_fade", NULL);
   }
+  memcpy(at - 13, "voice_fond", 10);
+  support_write("bad.safetensors", bytes, count);
+  support_expect(m.context, ern_model_load(&model, m.context, "bad.safetensors"), ERN_E_FORMAT, "bad.safetensors",
+                 "metadata \"ernerf\"", "voice_fond", NULL);
   free(bytes);
   made_close(&m);
 }

@@ -83,6 +83,28 @@ refused() { # WORDS PROCESSES OPTION...
 refused "3 processes share the 4 parts" 3 --rays 256
 refused "divides the 1 patches of a step of the fine stage" 0 --set step-parts=4 --rays 256 --patch-size 16 --set fine-steps=1
 
+# rank 1 differs in what decides no number of parameters: another picture or eye value, as of an earlier copy of the
+# clip; another scale; no torso pictures
+other() { # WORDS CLIP OPTION...: of rank 1
+  local words="rank 1 has backend cpu .*$1.*; rank 0 has backend"
+  shift
+  if "$mpirun" -n 1 "$ernerf" train clip -o refused.safetensors $few : -n 1 "$ernerf" train "$@" -o refused.safetensors $few > log.txt 2>&1; then
+    fail "two processes train on different frames: $*"
+  fi
+  grep -q "$words" log.txt || fail "no \"$words\" in: $(cat log.txt)"
+  [ ! -e refused.safetensors ] || fail "a refused training wrote"
+  rm -rf refused.run
+}
+few="--iters 1 --rays 64 --levels 2 --threads 1 --validate-frames 1 --quiet"
+cp -r "$source/data/tiny" picture
+cp picture/gt_imgs/4.jpg picture/gt_imgs/3.jpg
+other ", files of its frames" picture
+cp -r "$source/data/tiny" blink
+sed -i '5s/0[.]00/0.75/g' blink/au.csv
+other ", files of its frames" blink
+other ", scale 3," clip --scale 3
+other " of [0-9]* parameters, loss" clip --effects eye,codes,view
+
 # nobody else loads MPI
 LD_DEBUG=files PMI_RANK=0 PMI_SIZE=1 "$ernerf" train clip -o one.safetensors --iters 1 --rays 64 --levels 2 --validate-frames 1 --quiet 2>&1 | grep "libmpi" > /dev/null && fail "a training that a launcher starts as the only process loads MPI"
 [ "$(LD_DEBUG=files "$mpirun" -n 2 "$ernerf" train gone -o somebody.safetensors 2>&1 | grep -c libernerf-mpi)" -gt 0 ] || fail "LD_DEBUG shows no libernerf-mpi under mpirun: the check above would not see it"

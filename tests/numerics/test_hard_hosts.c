@@ -1,9 +1,10 @@
 /* SPDX-License-Identifier: MIT
- * Programs that link the library and have changed what it computes in: rounding, denormal numbers, traps, the sign of
- * decimals. A training and two frames have the bytes that they have anywhere, and the program keeps its choice
+ * Programs that link the library and have changed what it computes in: rounding, denormal numbers, traps, stacks, the
+ * sign of decimals. A training and two frames have the bytes that they have anywhere, and the program keeps its choice
  * (docs/numerics.md). */
-#define _GNU_SOURCE /* feenableexcept */
+#define _GNU_SOURCE /* feenableexcept, pthread_setattr_default_np */
 #include <fenv.h>
+#include <pthread.h>
 #if defined __x86_64__
 #include <immintrin.h>
 #endif
@@ -87,21 +88,54 @@ static void test_host_that_flushes_denormals(void **state) {
 #endif
 }
 
+static const struct {
+  int mode;
+  const char *name;
+} modes[] = {{FE_UPWARD, "rounds up"}, {FE_DOWNWARD, "rounds down"}, {FE_TOWARDZERO, "rounds to zero"}};
+
 /* case: rounds up, down, to zero | plain code: light of 1e-30 becomes 2e-7 (AVX2) | here: to nearest | bound: same
  * bytes */
-static void test_host_that_rounds_otherwise_long(void **state) {
+static void test_host_that_rounds_otherwise(void **state) {
   (void)state;
   fesetenv(FE_DFL_ENV); /* a failure before may have left another */
-  static const struct {
-    int mode;
-    const char *name;
-  } modes[] = {{FE_UPWARD, "rounds up"}, {FE_DOWNWARD, "rounds down"}, {FE_TOWARDZERO, "rounds to zero"}};
   for (size_t m = 0; m < sizeof modes / sizeof *modes; m++) {
     assert_int_equal(fesetround(modes[m].mode), 0);
     expect_plain(modes[m].name);
     const int after = fegetround();
     fesetenv(FE_DFL_ENV);
     assert_int_equal(after, modes[m].mode);
+  }
+}
+
+static const ern_setting *setting_named(const char *name) {
+  const ern_setting *found = NULL;
+  for (size_t i = 0; (found = ern_train_setting(i)) != NULL && strcmp(found->name, name) != 0; i++) continue;
+  assert_non_null(found);
+  return found;
+}
+
+/* case: rounds up, down, to zero | plain code: the default 0.01 of lr becomes 0.0100000007, "0.001" a number below the
+ * least 0.001 of torso_shrink | here: to nearest | bound: same bytes, same texts */
+static void test_settings_of_a_host_that_rounds_otherwise(void **state) {
+  (void)state;
+  fesetenv(FE_DFL_ENV); /* a failure before may have left another */
+  const ern_train_config nearest = ern_train_config_default();
+  const ern_setting *const shrink = setting_named("torso_shrink");
+  char found[2][64];
+  ern_setting_expected(shrink, found[0], sizeof found[0]);
+  for (size_t m = 0; m < sizeof modes / sizeof *modes; m++) {
+    char text[ERN_SETTING_TEXT_BYTES] = "";
+    assert_int_equal(fesetround(modes[m].mode), 0);
+    ern_train_config config = ern_train_config_default();
+    const float lr = config.lr;
+    const bool taken = ern_setting_read(shrink, "0.001", &config);
+    ern_setting_write(shrink, &config, text);
+    ern_setting_expected(shrink, found[1], sizeof found[1]);
+    fesetenv(FE_DFL_ENV);
+    if (memcmp(&lr, &nearest.lr, sizeof lr) != 0) fail_msg("%s: the default of lr is %.9g", modes[m].name, (double)lr);
+    if (!taken || strcmp(text, "0.001") != 0 || (double)config.torso_shrink != (double)0.001f)
+      fail_msg("%s: 0.001 is read as %.9g and written as %s", modes[m].name, (double)config.torso_shrink, text);
+    assert_string_equal(found[0], found[1]);
   }
 }
 
@@ -117,6 +151,36 @@ static void test_host_that_traps(void **state) {
   const int after = fegetexcept();
   fesetenv(FE_DFL_ENV);
   assert_int_equal(after, TRAPPED);
+#else
+  skip();
+#endif
+}
+
+static void *train_and_draw(void *unused) {
+  (void)unused;
+  expect_plain("small stacks");
+  return NULL;
+}
+
+/* case: a thread with 512 KiB of stack calls, and the default of other threads is 64 KiB | plain code: a thread of the
+ * library leaves its stack | here: the library's own threads have 512 KiB at least | bound: same bytes */
+static void test_host_of_small_stacks(void **state) {
+  (void)state;
+#if defined __GLIBC__
+  pthread_attr_t before, small, own;
+  pthread_t thread;
+  assert_int_equal(pthread_getattr_default_np(&before), 0);
+  assert_int_equal(pthread_attr_init(&small), 0);
+  assert_int_equal(pthread_attr_init(&own), 0);
+  assert_int_equal(pthread_attr_setstacksize(&small, 64 << 10), 0);
+  assert_int_equal(pthread_attr_setstacksize(&own, 512 << 10), 0);
+  assert_int_equal(pthread_setattr_default_np(&small), 0);
+  assert_int_equal(pthread_create(&thread, &own, train_and_draw, NULL), 0);
+  assert_int_equal(pthread_join(thread, NULL), 0);
+  assert_int_equal(pthread_setattr_default_np(&before), 0);
+  pthread_attr_destroy(&before);
+  pthread_attr_destroy(&small);
+  pthread_attr_destroy(&own);
 #else
   skip();
 #endif
@@ -166,8 +230,11 @@ static int close_all(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_host_that_flushes_denormals), cmocka_unit_test(test_host_that_rounds_otherwise_long),
-      cmocka_unit_test(test_host_that_traps), cmocka_unit_test(test_host_that_writes_commas)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_host_that_flushes_denormals),
+                                     cmocka_unit_test(test_host_that_rounds_otherwise),
+                                     cmocka_unit_test(test_settings_of_a_host_that_rounds_otherwise),
+                                     cmocka_unit_test(test_host_that_traps),
+                                     cmocka_unit_test(test_host_of_small_stacks),
+                                     cmocka_unit_test(test_host_that_writes_commas)};
   return cmocka_run_group_tests(tests, prepare, close_all);
 }

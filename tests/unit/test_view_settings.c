@@ -128,7 +128,8 @@ static void test_files_that_lie(void **state) {
               {"dt_gamma\\\":0.0", "dt_gamma\\\":7.0", "dt_gamma is 7"},
               {"torso_shrink\\\":0.5", "torso_shrink\\\":0.0", "torso_shrink is 0, expected 0.001 to 1"},
               {"scale\\\":3.0", "scale\\\":0.0", "scale is 0, expected 0.001 to 1000"},
-              {"scale\\\":3.0", "scalx\\\":3.0", "field scale"},
+              {"scale\\\":3.0", "scalx\\\":3.0", "this version knows no scalx"},
+              {"\\\"scale\\\":3.0,", "              ", "field scale"},
               {"audio_pad\\\":\\\"zero", "audio_pad\\\":\\\"zerx", "audio_pad is \"zerx\", expected edge or zero"}};
   size_t count = 0;
   char *bytes = read_file("body.safetensors", &count);
