@@ -5,6 +5,7 @@
 #include <exception>
 #include <memory>
 #include <new>
+#include <opencv2/core/ocl.hpp>
 #include <opencv2/core/utils/logger.hpp>
 #include <opencv2/imgproc.hpp>
 #include <opencv2/objdetect.hpp>
@@ -31,8 +32,11 @@ constexpr int most_side = 640;
 /* The size of the cascades' training pictures: they find no smaller face. */
 constexpr int least_side = 20;
 
+/* A cascade makes a UMat, for which OpenCV would load the OpenCL drivers, in the calling thread; some end the process
+ * that they are loaded into, or never answer. */
 template <typename Work>
 ern_status guarded(ern_context *context, Work work) {
+  cv::ocl::setUseOpenCL(false);
   const auto before = cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);
   ern_status status = ERN_OK;
   try {

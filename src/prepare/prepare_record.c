@@ -17,12 +17,14 @@
 enum { RECORD_LIMIT = 1 << 22, JSON_LIMIT = 1 << 28, VERSION = 2 };
 static const char *const grades[] = {"good", "doubtful", "refused"};
 
+/* A call that was killed in its first write leaves the record's temporary file, which does not count. */
 static ern_status is_empty(struct ern_prepare_job *job, bool *empty) {
   DIR *list = opendir(job->folder);
   *empty = true;
   if (list == NULL) return ern_file_fail(job->context, job->folder, "open");
   for (struct dirent *entry = readdir(list); entry != NULL && *empty; entry = readdir(list))
-    *empty = strcmp(entry->d_name, ".") == 0 || strcmp(entry->d_name, "..") == 0;
+    *empty = strcmp(entry->d_name, ".") == 0 || strcmp(entry->d_name, "..") == 0 ||
+             strcmp(entry->d_name, "prepare.json.ernerf-tmp") == 0;
   closedir(list);
   return ERN_OK;
 }

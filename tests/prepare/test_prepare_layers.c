@@ -319,28 +319,55 @@ static void draw_banner(ern_image *image, int frame) {
     }
 }
 
-/* Text that runs through the picture is named, and where it does so. */
-static void test_banner_long(void **state) {
-  struct truth *t = *state;
-  struct run run = {.options = ern_prepare_options_default()};
+/* In the second half of the frames the camera has turned, by 8 pixels of 512. */
+static void move_camera(ern_image *image, int frame) {
+  const int by = 8 * side / 512;
+  for (int y = 0; y < side && frame >= FRAMES / 2; y++) {
+    uint8_t *row = image->data + 3 * y * side;
+    memmove(row + 3 * by, row, 3 * (size_t)(side - by));
+  }
+}
+
+/* What the step says of frames that `change` has changed. */
+static void run_changed(const struct truth *t, struct run *run, void (*change)(ern_image *image, int frame)) {
   uint8_t *kept[FRAMES];
   size_t bytes[FRAMES];
   for (int f = 0; f < FRAMES; f++) {
     const char *path = name_of("clip", "ori_imgs/%d.jpg", f);
     ern_image image = picture(t->context, path, 3);
     support_ok(t->context, ern_file_read(t->context, path, 1 << 20, &kept[f], &bytes[f]));
-    draw_banner(&image, f);
+    change(&image, f);
     support_ok(t->context, ern_image_write(t->context, path, &image, 95));
     ern_image_free(t->context, &image);
   }
-  support_ok(t->context, run_layers(&run, t->context, FRAMES));
-  assert_int_equal(run.verdict.grade, ERN_PREPARE_DOUBTFUL);
-  if (strstr(run.verdict.words, "a banner moves through the picture without pause, at 88 to 97 %") == NULL)
-    fail_msg("%s", run.verdict.words);
+  support_ok(t->context, run_layers(run, t->context, FRAMES));
+  assert_int_equal(run->verdict.grade, ERN_PREPARE_DOUBTFUL);
   for (int f = 0; f < FRAMES; f++) {
     support_write(name_of("clip", "ori_imgs/%d.jpg", f), kept[f], bytes[f]);
     ern_release(t->context, kept[f]);
   }
+}
+
+/* How far a camera moves is told in pixels of 512, as its bound is, whatever the clip's side. */
+static void test_camera(void **state) {
+  struct truth *t = *state;
+  struct run run = {.options = ern_prepare_options_default()};
+  double shift = 0;
+  run.options.masks = "person"; /* known, as they would take most of the time */
+  write_masks(t, "person", true);
+  run_changed(t, &run, move_camera);
+  const char *told = strstr(run.verdict.words, "what is behind the person shifts by ");
+  if (told == NULL || sscanf(told, "what is behind the person shifts by %lf pixels of 512", &shift) != 1)
+    fail_msg("%s", run.verdict.words);
+  if (!(fabs(shift - 8) < 1)) fail_msg("%s", run.verdict.words); /* a quarter of a pixel of 128 */
+}
+
+/* Text that runs through the picture is named, and where it does so. */
+static void test_banner_long(void **state) {
+  struct run run = {.options = ern_prepare_options_default()};
+  run_changed(*state, &run, draw_banner);
+  if (strstr(run.verdict.words, "a banner moves through the picture without pause, at 88 to 97 %") == NULL)
+    fail_msg("%s", run.verdict.words);
 }
 
 static int stop(void *user, const char *step, size_t done, size_t total) {
@@ -424,10 +451,10 @@ static void test_nothing_long(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_truth),          cmocka_unit_test(test_no_shoulders_long),
-                                     cmocka_unit_test(test_supplied),       cmocka_unit_test(test_background),
-                                     cmocka_unit_test(test_banner_long),    cmocka_unit_test(test_cancel),
-                                     cmocka_unit_test(test_cluttered_long), cmocka_unit_test(test_key_long),
-                                     cmocka_unit_test(test_nothing_long)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_truth),    cmocka_unit_test(test_no_shoulders_long),
+                                     cmocka_unit_test(test_supplied), cmocka_unit_test(test_background),
+                                     cmocka_unit_test(test_camera),   cmocka_unit_test(test_banner_long),
+                                     cmocka_unit_test(test_cancel),   cmocka_unit_test(test_cluttered_long),
+                                     cmocka_unit_test(test_key_long), cmocka_unit_test(test_nothing_long)};
   return cmocka_run_group_tests(tests, make_truth, free_truth);
 }

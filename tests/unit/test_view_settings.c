@@ -217,14 +217,15 @@ static void test_resume_mixes_nothing(void **state) {
   reported[0] = 0;
   support_ok(made.context, train(&made, &config, NULL));
   made.data.fingerprint = NULL;
-  assert_string_equal(reported,
-                      "again.run/state.safetensors: files of the clip's frames (pictures, masks, landmarks or blinks) "
-                      "are not those that it began with; going on with those of now\n"
-                      "again.run/state.safetensors: iters was 4, going on with 6\n"
-                      "again.run/state.safetensors: rays was 96, going on with 90\n"
-                      "again.run/state.safetensors: lr was 0.01, going on with 0.02\n"
-                      "again.run/state.safetensors: max_steps was 24, going on with 20\n"
-                      "again.run/state.safetensors: refresh_every was 0, going on with 8\n");
+  assert_string_equal(
+      reported,
+      "again.run/state.safetensors: files of the clip's frames (pictures, masks, landmarks, blinks or torso.npy) "
+      "are not those that it began with; going on with those of now\n"
+      "again.run/state.safetensors: iters was 4, going on with 6\n"
+      "again.run/state.safetensors: rays was 96, going on with 90\n"
+      "again.run/state.safetensors: lr was 0.01, going on with 0.02\n"
+      "again.run/state.safetensors: max_steps was 24, going on with 20\n"
+      "again.run/state.safetensors: refresh_every was 0, going on with 8\n");
 }
 
 static void test_state_describes_itself(void **state) {

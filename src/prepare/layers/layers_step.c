@@ -289,9 +289,9 @@ static void check_place(struct ern_prepare_job *job, const struct ern_person_fou
   if (found->shifted >= 0.5 && shift > 1.5)
     ern_prepare_add_reason(
         job, shift > 12 ? ERN_PREPARE_REFUSED : ERN_PREPARE_DOUBTFUL,
-        "the camera moves: what is behind the person shifts by %.1f pixels of %d, expected a camera that "
+        "the camera moves: what is behind the person shifts by %.1f pixels of 512, expected a camera that "
         "stands still (1.5 at most); footage from a tripod helps, or a stretch of it (--from, --to)",
-        found->shift, job->side);
+        shift);
   else if (found->unlike > 0.15)
     ern_prepare_add_reason(job, ERN_PREPARE_DOUBTFUL,
                            "the background changes: %.0f %% of it differs from frame to frame, expected 15 %% at most; "
