@@ -63,9 +63,7 @@ static const struct {
     {"amb_dim", FIXED " (2)"},
     {"part", "(every tenth frame) is not supported; --data-range A:B of `ernerf train` takes a range of frames"},
     {"part2", "is `--data-range 0:375` of `ernerf train` here"},
-    {"train_camera",
-     "is `--set refine-poses=yes` of `ernerf train` here, the default with --time; corrections of poses in a .pth are "
-     "applied"},
+    {"train_camera", "is `--set refine-poses=yes` of `ernerf train` here; corrections of poses in a .pth are applied"},
     {"asr", SPEECH},
     {"asr_wav", SPEECH},
     {"asr_play", SPEECH},

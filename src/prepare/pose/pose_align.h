@@ -19,13 +19,18 @@ struct ern_pose_align;
 ERN_NODISCARD ern_status ern_pose_align_make(ern_context *context, int side, double focal, double centre,
                                              const struct ern_head_pose *reference, struct ern_pose_align **align);
 /* Adds a frame, grey[side][side], to the mean picture of the points, which ern_pose_align_mean makes the one that poses
- * are refined by. It weighs points by how little they change. */
+ * are refined by. It weighs a point by how little it changes where the
+ * head is, and how much the picture changes where the point is in the reference: what stays there is background. */
 ERN_NODISCARD ern_status ern_pose_align_add(struct ern_pose_align *align, const uint8_t *grey,
                                             const struct ern_head_pose *pose);
 ERN_NODISCARD ern_status ern_pose_align_mean(struct ern_pose_align *align);
 /* Moves the pose to where the frame shows the mean picture. It stays where no better one is found nearby. */
 ERN_NODISCARD ern_status ern_pose_align_refine(struct ern_pose_align *align, const uint8_t *grey,
                                                struct ern_head_pose *pose);
+/* All of it: poses[job->frames], by the mean picture of some of the frames, in ERN_POSE_ALIGN_ROUNDS rounds. reference:
+ * the frame that shows the points. Progress goes from `done` on by a step for each frame of a round, of `total`. */
+ERN_NODISCARD ern_status ern_pose_align_frames(struct ern_prepare_job *job, size_t reference,
+                                               struct ern_head_pose *poses, size_t done, size_t total);
 void ern_pose_align_free(struct ern_pose_align **align); /* accepts NULL */
 
 #ifdef __cplusplus

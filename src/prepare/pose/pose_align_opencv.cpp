@@ -22,6 +22,7 @@ constexpr double hair = 1.3;                /* how far outside of the ellipsoid 
 constexpr double blur = 0.8;                /* pixels of work */
 constexpr double outlier = 133;             /* squared grey levels at which a pixel has half of the weight */
 constexpr double change = 33;               /* variance of a point over frames at which it has half of the weight */
+constexpr double noise = 1;                 /* variance of a point that shows nothing */
 constexpr int steps = 4;                    /* of Gauss-Newton */
 constexpr double most_turn = 0.02;          /* of a step, radians */
 constexpr double least_inside = 0.5;        /* share of the weights whose points the picture shows */
@@ -64,6 +65,16 @@ float sample(const cv::Mat &m, double u, double v) {
   return (1 - b) * ((1 - a) * p[0] + a * p[1]) + b * ((1 - a) * q[0] + a * q[1]);
 }
 
+/* Grey levels of a point over frames. */
+struct Levels {
+  double sum = 0, squares = 0;
+  void add(double level) {
+    sum += level;
+    squares += level * level;
+  }
+  double variance(double count) const { return std::max(squares / count - sum / count * (sum / count), 0.0); }
+};
+
 }  // namespace
 
 struct ern_pose_align {
@@ -71,8 +82,10 @@ struct ern_pose_align {
   int side, work;
   double focal, centre;                /* pixels of work */
   std::vector<Eigen::Vector3d> points; /* of the head, metres */
-  std::vector<double> sum, squares;    /* [points], of the frames that are added */
-  std::vector<double> mean, steady;    /* [points]: grey level; weight, 0..1 */
+  Pose reference;
+  /* [points], of the frames that are added: where the frame shows the point, and where the reference does */
+  std::vector<Levels> moving, still;
+  std::vector<double> mean, steady; /* [points]: grey level; weight, 0..1 */
   size_t added = 0;
 };
 
@@ -96,6 +109,14 @@ bool place_of(const ern_pose_align &a, const Eigen::Vector3d &seen, double &u, d
   u = a.centre + a.focal * seen[0] / -seen[2] - 0.5; /* pixels' centres are whole numbers */
   v = a.centre - a.focal * seen[1] / -seen[2] - 0.5;
   return u >= 1 && v >= 1 && u < a.work - 2 && v < a.work - 2;
+}
+
+/* Beyond the picture's border as at it. */
+double level_of(const ern_pose_align &a, const Picture &picture, const Pose &pose, const Eigen::Vector3d &point) {
+  double u = 0, v = 0;
+  (void)place_of(a, pose.rotation * point + pose.translation, u, v);
+  const double last = a.work - 1.001;
+  return double(sample(picture.grey, std::clamp(u, 0.0, last), std::clamp(v, 0.0, last)));
 }
 
 using Vector6 = Eigen::Matrix<double, 6, 1>;
@@ -181,8 +202,11 @@ extern "C" ern_status ern_pose_align_make(ern_context *context, int side, double
       }
     const size_t every = points.size() / most_points + 1;
     for (size_t k = 0; k < points.size(); k += every) made->points.push_back(points[k]);
-    made->sum.assign(made->points.size(), 0);
-    made->squares = made->mean = made->steady = made->sum;
+    made->reference = pose_of(*reference);
+    made->mean.assign(made->points.size(), 0);
+    made->steady = made->mean;
+    made->moving.assign(made->points.size(), Levels());
+    made->still = made->moving;
     *align = made.release();
     return ERN_OK;
   });
@@ -194,12 +218,8 @@ extern "C" ern_status ern_pose_align_add(struct ern_pose_align *align, const uin
     const Picture picture = picture_of(*align, grey);
     const Pose at = pose_of(*pose);
     for (size_t k = 0; k < align->points.size(); k++) {
-      double u = 0, v = 0;
-      (void)place_of(*align, at.rotation * align->points[k] + at.translation, u, v);
-      const double last = align->work - 1.001; /* beyond the border as at it */
-      const double level = double(sample(picture.grey, std::clamp(u, 0.0, last), std::clamp(v, 0.0, last)));
-      align->sum[k] += level;
-      align->squares[k] += level * level;
+      align->moving[k].add(level_of(*align, picture, at, align->points[k]));
+      align->still[k].add(level_of(*align, picture, align->reference, align->points[k]));
     }
     align->added++;
     return ERN_OK;
@@ -207,11 +227,12 @@ extern "C" ern_status ern_pose_align_add(struct ern_pose_align *align, const uin
 }
 
 extern "C" ern_status ern_pose_align_mean(struct ern_pose_align *align) {
+  const double n = double(align->added);
   for (size_t k = 0; k < align->points.size() && align->added > 0; k++) {
-    const double n = double(align->added), mean = align->sum[k] / n;
-    align->mean[k] = mean;
-    align->steady[k] = 1 / (1 + std::max(align->squares[k] / n - mean * mean, 0.0) / change);
-    align->sum[k] = align->squares[k] = 0;
+    const double moving = align->moving[k].variance(n), still = align->still[k].variance(n);
+    align->mean[k] = align->moving[k].sum / n;
+    align->steady[k] = std::max(still - moving, 0.0) / (still + moving + noise) / (1 + moving / change);
+    align->moving[k] = align->still[k] = Levels();
   }
   align->added = 0;
   return ERN_OK;

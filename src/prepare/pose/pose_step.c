@@ -27,6 +27,8 @@ enum {
 };
 /* A frame whose head is turned further than this from every reference's becomes a reference itself, degrees. */
 static const double reference_turn = 12;
+/* Tracks that fit a rigid head to this many pixels of 512 tell its pose better than pictures (docs/results.md). */
+static const double well_tracked = 0.6;
 
 /* The state of the step. */
 struct tracking {
@@ -44,6 +46,7 @@ struct tracking {
   float (*found)[2];             /* [points]: of the present frame; NaN: not seen */
   float *weights;                /* [points] */
   double (*prior)[3], (*shape)[3];
+  double residual; /* median reprojection error, pixels of a picture of 512 a side */
 };
 
 static struct ern_bundle bundle_of(struct tracking *t) {
@@ -382,30 +385,6 @@ fail:
   return status;
 }
 
-/* The last passes: each pose moves to where its frame looks like the mean of MEAN_OF frames. */
-static ern_status align(struct tracking *t) {
-  const size_t frames = t->job->frames, count = frames < MEAN_OF ? frames : MEAN_OF;
-  struct ern_pose_align *align = NULL;
-  ern_status status = ERN_OK;
-  ERN_TRY(ern_pose_align_make(t->job->context, t->job->side, t->job->focal, t->centre, &t->poses[t->at[0]], &align));
-  for (size_t round = 0; round < ERN_POSE_ALIGN_ROUNDS; round++) {
-    for (size_t i = 0; i < count; i++) {
-      const size_t frame = count > 1 ? i * (frames - 1) / (count - 1) : 0;
-      ERN_TRY(ern_frame_grey(t->job, frame, t->grey));
-      ERN_TRY(ern_pose_align_add(align, t->grey, &t->poses[frame]));
-    }
-    ERN_TRY(ern_pose_align_mean(align));
-    for (size_t i = 0; i < frames; i++) {
-      ERN_TRY(ern_frame_grey(t->job, i, t->grey));
-      ERN_TRY(ern_pose_align_refine(align, t->grey, &t->poses[i]));
-      ERN_TRY(ern_prepare_progress(t->job, (2 + round) * frames + i + 1, PASSES * frames));
-    }
-  }
-fail:
-  ern_pose_align_free(&align);
-  return status;
-}
-
 /* How well a frame's points support its pose. */
 struct support {
   float residual; /* median, pixels of a picture of 512 a side; NaN without points */
@@ -544,6 +523,7 @@ static ern_status check_tracking(struct tracking *t) {
   for (size_t i = 0; i < frames; i++) hidden += (double)support[i].seen < 0.65 * f.points;
   f.hidden = (double)hidden / (double)frames;
   f.lost = (double)lost / (double)frames;
+  t->residual = f.residual;
   ern_prepare_figure(t->job, "reprojection", f.residual);
   ern_prepare_figure(t->job, "points", f.points);
   ern_prepare_figure(t->job, "hidden", f.hidden);
@@ -575,7 +555,8 @@ ern_status ern_prepare_pose(struct ern_prepare_job *job) {
   if (choose_reference(&t, faces, count, distances, &chosen)) {
     ERN_TRY(track(&t, &faces[chosen]));
     ERN_TRY(check_tracking(&t));
-    ERN_TRY(align(&t));
+    if (t.residual > well_tracked)
+      ERN_TRY(ern_pose_align_frames(job, t.at[0], t.poses, 2 * job->frames, PASSES * job->frames));
     ERN_TRY(ern_prepare_poses_write(job, t.poses));
   } else {
     ern_prepare_add_reason(

@@ -221,7 +221,6 @@ static ern_status make_trainer(struct training_job *job, const struct training_k
     config.ema = iters >= LEAST_AVERAGED;
     config.ema_every = TIMED_EMA_EVERY;
     config.prune_share = TIMED_PRUNE_SHARE;
-    config.refine_poses = true;
   }
   return ern_trainer_create(&job->trainer, backend, &dataset, &config);
 }

@@ -154,7 +154,6 @@ static void choose_timed(const struct train_job *job, ern_train_config *config) 
   if (!setting_given(chosen, "frames_per_step") && at_once)
     config->frames_per_step = config->rays < TIMED_FRAMES_AT_ONCE ? config->rays : TIMED_FRAMES_AT_ONCE;
   if (!setting_given(chosen, "prune_share")) config->prune_share = TIMED_PRUNE_SHARE;
-  if (!setting_given(chosen, "refine_poses")) config->refine_poses = true;
 }
 
 /* With several processes and without the option, divides a step into enough parts for all of them. */
@@ -504,7 +503,7 @@ int cmd_train(int argc, char **argv) {
           "seconds and steps, and val_NNNNNN.png: rendered, recorded, 4 times their difference, attention of speech "
           "and\n"
           "of the eyes.\n"
-          "With --time other settings are the default: ema=yes ema-every=40 refine-poses=yes prune-share=0.3, with\n"
+          "With --time other settings are the default: ema=yes ema-every=40 prune-share=0.3, with\n"
           "--backend opencl or under mpirun frames-per-step=4, and under mpirun step-parts=4, or the number of "
           "processes\n"
           "if that is more (without --time too).",

@@ -1,0 +1,33 @@
+/* SPDX-License-Identifier: MIT */
+#include "prepare/pose/pose_align.h"
+
+#include "prepare/stabilized_crop.h"
+
+enum { MEAN_OF = 60 }; /* frames of the mean picture */
+
+ern_status ern_pose_align_frames(struct ern_prepare_job *job, size_t reference, struct ern_head_pose *poses,
+                                 size_t done, size_t total) {
+  const size_t frames = job->frames, count = frames < MEAN_OF ? frames : MEAN_OF;
+  struct ern_pose_align *align = NULL;
+  uint8_t *grey = NULL;
+  ern_status status = ERN_OK;
+  ERN_TRY(ERN_NEW(job->context, (size_t)job->side * (size_t)job->side, &grey));
+  ERN_TRY(ern_pose_align_make(job->context, job->side, job->focal, 0.5 * job->side, &poses[reference], &align));
+  for (size_t round = 0; round < ERN_POSE_ALIGN_ROUNDS; round++) {
+    for (size_t i = 0; i < count; i++) {
+      const size_t frame = count > 1 ? i * (frames - 1) / (count - 1) : 0;
+      ERN_TRY(ern_frame_grey(job, frame, grey));
+      ERN_TRY(ern_pose_align_add(align, grey, &poses[frame]));
+    }
+    ERN_TRY(ern_pose_align_mean(align));
+    for (size_t i = 0; i < frames; i++) {
+      ERN_TRY(ern_frame_grey(job, i, grey));
+      ERN_TRY(ern_pose_align_refine(align, grey, &poses[i]));
+      ERN_TRY(ern_prepare_progress(job, done + round * frames + i + 1, total));
+    }
+  }
+fail:
+  ern_pose_align_free(&align);
+  ern_release(job->context, grey);
+  return status;
+}
