@@ -74,6 +74,7 @@ static const struct {
     {"oneapi/dnnl/*", {"perceptual"}},
     {"mpi.h", {"mpi"}},
     {"ceres/*", {"prepare"}},
+    {"Eigen/*", {"prepare"}},
     {"OpenImageIO/*", {"media"}},
     {"arpa/inet.h", {"media", "serve"}},
     {"libav*", {"media"}},
