@@ -41,7 +41,8 @@ static double off_by(const struct ern_head_pose *a, const struct ern_head_pose *
   return sqrt(sum / (double)(sizeof points / sizeof *points));
 }
 
-/* Poses of a head that turns and nods a little, and the same as a tracker may find them. */
+/* Poses of a head that turns and nods a little, and the same as a tracker may find them: the middle of the face in its
+ * place, and turned and deeper by something. */
 static void make_poses(struct ern_head_pose *truth, struct ern_head_pose *found) {
   uint64_t random = 5;
   for (int i = 0; i < FRAMES; i++) {
@@ -53,8 +54,8 @@ static void make_poses(struct ern_head_pose *truth, struct ern_head_pose *found)
     const double yaw = 6 * v[0], pitch = 5 * v[1], roll = 4 * v[2], x = 0.02 * v[3], y = 0.02 * v[4],
                  depth = 0.9 + 0.02 * v[5];
     truth[i] = made_pose(yaw, pitch, roll, x, y, depth);
-    found[i] = made_pose(yaw + e[0], pitch + e[1], roll + 0.5 * e[2], x + 0.002 * e[3], y + 0.002 * e[4],
-                         depth + 0.015 * e[5]);
+    const double nearer = 1 + 0.02 * e[5];
+    found[i] = made_pose(yaw + e[0], pitch + e[1], roll + e[2], nearer * x, nearer * y, nearer * depth);
   }
 }
 
@@ -62,9 +63,10 @@ static void test_refined(void **state) {
   (void)state;
   ern_context *context = support_context();
   struct ern_pose_align *align = NULL;
-  struct ern_head_pose truth[FRAMES], found[FRAMES];
+  struct ern_head_pose truth[FRAMES], found[FRAMES], tracked[FRAMES];
   double before = 0, after = 0;
   make_poses(truth, found);
+  memcpy(tracked, found, sizeof tracked);
   for (int i = 0; i < FRAMES; i++) before += off_by(&truth[i], &found[i]) / FRAMES;
   support_ok(context, ern_pose_align_make(context, SIDE, focal, centre, &found[0], &align));
   for (int round = 0; round < ERN_POSE_ALIGN_ROUNDS; round++) {
@@ -75,21 +77,22 @@ static void test_refined(void **state) {
     support_ok(context, ern_pose_align_mean(align));
     for (int i = 0; i < FRAMES; i++) {
       draw(&truth[i], 15.0 * (i % 5), i == 4);
-      support_ok(context, ern_pose_align_refine(align, grey, &found[i]));
+      support_ok(context, ern_pose_align_refine(align, grey, &tracked[i], &found[i]));
     }
   }
   for (int i = 0; i < FRAMES; i++) after += off_by(&truth[i], &found[i]) / FRAMES;
-  if (!(before > 0.8 && after < 0.4)) fail_msg("off by %.3f pixels, and then by %.3f", before, after);
+  /* the tracks, which are off, hold the middle of the face with as much weight as the picture has */
+  if (!(before > 0.6 && after < 0.7 * before)) fail_msg("off by %.3f pixels, and then by %.3f", before, after);
 
   const struct ern_head_pose kept = found[3];
   memset(grey, 100, sizeof grey); /* nothing to see */
-  support_ok(context, ern_pose_align_refine(align, grey, &found[3]));
-  assert_true(off_by(&kept, &found[3]) < 40);
+  support_ok(context, ern_pose_align_refine(align, grey, &kept, &found[3]));
+  assert_true(off_by(&kept, &found[3]) < 0.01);
   struct ern_head_pose outside = made_pose(0, 0, 0, 5, 0, 0.9);
-  support_ok(context, ern_pose_align_refine(align, grey, &outside));
+  support_ok(context, ern_pose_align_refine(align, grey, &kept, &outside));
   assert_true(outside.translation[0] == 5);
   struct ern_head_pose behind = made_pose(0, 0, 0, 0, 0, -0.9);
-  support_ok(context, ern_pose_align_refine(align, grey, &behind));
+  support_ok(context, ern_pose_align_refine(align, grey, &kept, &behind));
   assert_true(behind.translation[2] == 0.9);
   ern_pose_align_free(&align);
   ern_pose_align_free(&align);

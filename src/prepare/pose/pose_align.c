@@ -1,6 +1,8 @@
 /* SPDX-License-Identifier: MIT */
 #include "prepare/pose/pose_align.h"
 
+#include <string.h>
+
 #include "prepare/stabilized_crop.h"
 
 enum { MEAN_OF = 60 }; /* frames of the mean picture */
@@ -9,9 +11,12 @@ ern_status ern_pose_align_frames(struct ern_prepare_job *job, size_t reference, 
                                  size_t done, size_t total) {
   const size_t frames = job->frames, count = frames < MEAN_OF ? frames : MEAN_OF;
   struct ern_pose_align *align = NULL;
+  struct ern_head_pose *tracked = NULL;
   uint8_t *grey = NULL;
   ern_status status = ERN_OK;
   ERN_TRY(ERN_NEW(job->context, (size_t)job->side * (size_t)job->side, &grey));
+  ERN_TRY(ERN_NEW(job->context, frames, &tracked));
+  memcpy(tracked, poses, frames * sizeof *tracked);
   ERN_TRY(ern_pose_align_make(job->context, job->side, job->focal, 0.5 * job->side, &poses[reference], &align));
   for (size_t round = 0; round < ERN_POSE_ALIGN_ROUNDS; round++) {
     for (size_t i = 0; i < count; i++) {
@@ -22,12 +27,13 @@ ern_status ern_pose_align_frames(struct ern_prepare_job *job, size_t reference, 
     ERN_TRY(ern_pose_align_mean(align));
     for (size_t i = 0; i < frames; i++) {
       ERN_TRY(ern_frame_grey(job, i, grey));
-      ERN_TRY(ern_pose_align_refine(align, grey, &poses[i]));
+      ERN_TRY(ern_pose_align_refine(align, grey, &tracked[i], &poses[i]));
       ERN_TRY(ern_prepare_progress(job, done + round * frames + i + 1, total));
     }
   }
 fail:
   ern_pose_align_free(&align);
+  ern_release(job->context, tracked);
   ern_release(job->context, grey);
   return status;
 }

@@ -24,9 +24,10 @@ ERN_NODISCARD ern_status ern_pose_align_make(ern_context *context, int side, dou
 ERN_NODISCARD ern_status ern_pose_align_add(struct ern_pose_align *align, const uint8_t *grey,
                                             const struct ern_head_pose *pose);
 ERN_NODISCARD ern_status ern_pose_align_mean(struct ern_pose_align *align);
-/* Moves the pose to where the frame shows the mean picture. It stays where no better one is found nearby. */
+/* Moves the pose to where the frame shows the mean picture, and the face is where the tracks have it. It stays where no
+ * better one is found nearby. */
 ERN_NODISCARD ern_status ern_pose_align_refine(struct ern_pose_align *align, const uint8_t *grey,
-                                               struct ern_head_pose *pose);
+                                               const struct ern_head_pose *tracked, struct ern_head_pose *pose);
 /* All of it: poses[job->frames], by the mean picture of some of the frames, in ERN_POSE_ALIGN_ROUNDS rounds. reference:
  * the frame that shows the points. Progress goes from `done` on by a step for each frame of a round, of `total`. */
 ERN_NODISCARD ern_status ern_pose_align_frames(struct ern_prepare_job *job, size_t reference,

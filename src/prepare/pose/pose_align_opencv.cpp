@@ -122,43 +122,68 @@ double level_of(const ern_pose_align &a, const Picture &picture, const Pose &pos
 using Vector6 = Eigen::Matrix<double, 6, 1>;
 using Matrix6 = Eigen::Matrix<double, 6, 6>;
 
-/* The mean robust square of what is off at the pose, infinite where the picture shows too little; and the normal
- * equations of a turn about the camera and a move, x -> x + turn cross x + move. */
-double compare(const ern_pose_align &a, const Picture &picture, const Pose &pose, Matrix6 &normal, Vector6 &right) {
-  double sum = 0, inside = 0, all = 0;
-  normal.setZero();
-  right.setZero();
-  for (size_t k = 0; k < a.points.size(); k++) {
-    const Eigen::Vector3d seen = pose.rotation * a.points[k] + pose.translation;
-    double u, v;
-    all += a.steady[k];
-    if (!place_of(a, seen, u, v)) continue;
-    const double off = double(sample(picture.grey, u, v)) - a.mean[k], weight = a.steady[k] / (1 + off * off / outlier);
-    const double across = double(sample(picture.right, u, v)) * a.focal / -seen[2];
-    const double along = -double(sample(picture.down, u, v)) * a.focal / -seen[2];
-    const Eigen::Vector3d by(across, along, (across * seen[0] + along * seen[1]) / -seen[2]);
+/* What a pose is refined by: the normal equations of a turn about the camera and a move, x -> x + turn cross x + move;
+ * the sums that their least value is told by. */
+struct Fit {
+  Matrix6 normal = Matrix6::Zero();
+  Vector6 right = Vector6::Zero();
+  double off = 0, texture = 0, inside = 0, all = 0;
+  /* The derivative of what is off is `by`, by the place of the point that is at `seen`. */
+  void add(const Eigen::Vector3d &seen, const Eigen::Vector3d &by, double residual, double weight) {
     Vector6 row;
     row << seen.cross(by), by;
     normal.selfadjointView<Eigen::Upper>().rankUpdate(row, weight);
-    right -= weight * off * row;
-    sum += weight * off * off;
-    inside += a.steady[k];
+    right -= weight * residual * row;
+    off += weight * residual * residual;
   }
-  return inside > least_inside * all ? sum / inside : HUGE_VAL;
+};
+
+/* Adds what the picture says. */
+void add_picture(const ern_pose_align &a, const Picture &picture, const Pose &pose, Fit &fit) {
+  for (size_t k = 0; k < a.points.size(); k++) {
+    const Eigen::Vector3d seen = pose.rotation * a.points[k] + pose.translation;
+    double u, v;
+    fit.all += a.steady[k];
+    if (!place_of(a, seen, u, v)) continue;
+    const double off = double(sample(picture.grey, u, v)) - a.mean[k], weight = a.steady[k] / (1 + off * off / outlier);
+    const double across = double(sample(picture.right, u, v)), along = -double(sample(picture.down, u, v));
+    const double scale = a.focal / -seen[2];
+    fit.add(seen, scale * Eigen::Vector3d(across, along, (across * seen[0] + along * seen[1]) / -seen[2]), off, weight);
+    fit.texture += weight * (across * across + along * along);
+    fit.inside += a.steady[k];
+  }
 }
 
-Pose refined(const ern_pose_align &a, const Picture &picture, const Pose &start) {
+/* Adds what the tracks say: the middle of the face stays where they have it, with as much weight as the picture gives
+ * to a shift. Beside it, in hair and temples, the picture tells turn and scale. */
+void add_tracks(const ern_pose_align &a, const Pose &tracked, const Pose &pose, double texture, Fit &fit) {
+  static const Eigen::Vector3d face[] = {{-0.04, 0.05, 0.08}, {0.04, 0.05, 0.08},   {-0.05, 0, 0.07},
+                                         {0.05, 0, 0.07},     {-0.03, -0.05, 0.08}, {0.03, -0.05, 0.08}};
+  const double weight = 0.5 * texture / (sizeof face / sizeof *face);
+  for (const Eigen::Vector3d &point : face) {
+    const Eigen::Vector3d seen = pose.rotation * point + pose.translation;
+    const Eigen::Vector3d was = tracked.rotation * point + tracked.translation;
+    double at[2], before[2];
+    if (!place_of(a, seen, at[0], at[1]) || !place_of(a, was, before[0], before[1])) continue;
+    const double scale = a.focal / -seen[2];
+    fit.add(seen, scale * Eigen::Vector3d(1, 0, seen[0] / -seen[2]), at[0] - before[0], weight);
+    fit.add(seen, scale * Eigen::Vector3d(0, -1, -seen[1] / -seen[2]), at[1] - before[1], weight);
+  }
+}
+
+Pose refined(const ern_pose_align &a, const Picture &picture, const Pose &tracked, const Pose &start) {
   Pose pose = start, best = start;
-  double least = HUGE_VAL;
+  double least = HUGE_VAL, texture = 0;
   for (int step = 0; step <= steps; step++) {
-    Matrix6 normal;
-    Vector6 right;
-    const double off = compare(a, picture, pose, normal, right);
-    if (!(off < least)) break;
-    least = off;
+    Fit fit;
+    add_picture(a, picture, pose, fit);
+    if (step == 0) texture = fit.texture;
+    add_tracks(a, tracked, pose, texture, fit);
+    if (!(fit.inside > least_inside * fit.all && fit.off / fit.inside < least)) break;
+    least = fit.off / fit.inside;
     best = pose;
-    normal.diagonal() *= 1 + 1e-6;
-    Vector6 by = normal.selfadjointView<Eigen::Upper>().ldlt().solve(right);
+    fit.normal.diagonal() *= 1 + 1e-6;
+    Vector6 by = fit.normal.selfadjointView<Eigen::Upper>().ldlt().solve(fit.right);
     if (!by.allFinite()) break;
     const double turn = by.head<3>().norm();
     if (turn > most_turn) by *= most_turn / turn;
@@ -239,9 +264,9 @@ extern "C" ern_status ern_pose_align_mean(struct ern_pose_align *align) {
 }
 
 extern "C" ern_status ern_pose_align_refine(struct ern_pose_align *align, const uint8_t *grey,
-                                            struct ern_head_pose *pose) {
+                                            const struct ern_head_pose *tracked, struct ern_head_pose *pose) {
   return guarded(align->context, [&] {
-    const Pose start = pose_of(*pose), found = refined(*align, picture_of(*align, grey), start);
+    const Pose start = pose_of(*tracked), found = refined(*align, picture_of(*align, grey), start, pose_of(*pose));
     const double turn = Eigen::AngleAxisd(found.rotation * start.rotation.transpose()).angle() * 57.29577951308232;
     const double deeper = found.translation[2] / start.translation[2] - 1;
     if (!(turn < most_change[0] && std::fabs(deeper) < most_change[1])) return ERN_OK;
