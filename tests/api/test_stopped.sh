@@ -12,11 +12,13 @@ fail() { echo "FAIL: $1"; cat out.txt; exit 1; }
 mkdir -p tools bin build/{release/bin,fuzz/tests/bin} tests/fuzz/corpus/npy portraits/one/clip
 touch build/fuzz/build.ninja portraits/one/portrait.safetensors
 for script in paper-table bench-history demo device-check fuzz test child.sh; do cp "$source/tools/$script" tools; done
+# in Perl: a shell that waits forks, and a child that has its trap still may write too
 cat > wait << 'END'
-#!/usr/bin/env bash
-trap 'echo ended >> "$CALLS"; exit 0' TERM
-echo waits >> "$CALLS"
-for i in {1..300}; do sleep 0.1; done
+#!/usr/bin/perl
+sub note { open(my $calls, '>>', $ENV{CALLS}) or die; print $calls "$_[0]\n"; close($calls); }
+$SIG{TERM} = sub { note('ended'); exit 0; };
+note('waits');
+sleep(30);
 END
 printf '#!/bin/sh\n' > idle
 chmod +x wait idle
