@@ -237,16 +237,17 @@ static ern_status read_fade(ern_context *context, const json_t *root, const char
 
 /* A member of a later version may change the picture, as voice_fade does. */
 static ern_status check_members(ern_context *context, json_t *root, const char *path) {
-  static const char known[] =
-      " backbone attention eye_attention levels feature_width window_length eye view torso torso_gamma codes bound "
-      "clip head_steps torso_steps speech speech_network consent dub voice_fade "
-      "max_steps dt_gamma torso_shrink scale audio_pad ";
+  static const char *const known[] = {"backbone",      "attention", "eye_attention", "levels",     "feature_width",
+                                      "window_length", "eye",       "view",          "torso",      "torso_gamma",
+                                      "codes",         "bound",     "clip",          "head_steps", "torso_steps",
+                                      "speech",        "consent",   "dub",           "voice_fade", "speech_network",
+                                      "max_steps",     "dt_gamma",  "torso_shrink",  "scale",      "audio_pad"};
   const char *name;
   json_t *value;
-  char word[48];
   json_object_foreach(root, name, value) {
-    snprintf(word, sizeof word, " %s ", name);
-    if (strstr(known, word) == NULL)
+    size_t i = 0;
+    while (i < sizeof known / sizeof *known && strcmp(known[i], name) != 0) i++;
+    if (i == sizeof known / sizeof *known)
       return ern_fail(context, ERN_E_FORMAT, "%s: metadata \"ernerf\": this version knows no %.40s", path, name);
   }
   return ERN_OK;

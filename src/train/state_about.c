@@ -208,8 +208,7 @@ ern_status ern_state_about_check(const struct ern_training *t, const char *path,
   if (about->fingerprint[0] != 0 && here->fingerprint[0] != 0 && strcmp(about->fingerprint, here->fingerprint) != 0)
     ern_log(t->context, ERN_LOG_WARNING,
             "%s: files of the clip's frames (pictures, masks, landmarks, blinks or torso.npy) are not those that it "
-            "began with; "
-            "going on with those of now",
+            "began with; going on with those of now",
             path);
   ERN_TRY(compare(t, path, "the SHA-256 of the speech features and their augmentation (--speech-augment)",
                   about->features, here->features, true));

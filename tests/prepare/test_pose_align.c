@@ -74,7 +74,7 @@ static void test_refined(void **state) {
       draw(&truth[i], 15.0 * (i % 5), false);
       support_ok(context, ern_pose_align_add(align, grey, &found[i]));
     }
-    support_ok(context, ern_pose_align_mean(align));
+    ern_pose_align_mean(align);
     for (int i = 0; i < FRAMES; i++) {
       draw(&truth[i], 15.0 * (i % 5), i == 4);
       support_ok(context, ern_pose_align_refine(align, grey, &tracked[i], &found[i]));

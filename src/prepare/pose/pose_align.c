@@ -24,7 +24,7 @@ ern_status ern_pose_align_frames(struct ern_prepare_job *job, size_t reference, 
       ERN_TRY(ern_frame_grey(job, frame, grey));
       ERN_TRY(ern_pose_align_add(align, grey, &poses[frame]));
     }
-    ERN_TRY(ern_pose_align_mean(align));
+    ern_pose_align_mean(align);
     for (size_t i = 0; i < frames; i++) {
       ERN_TRY(ern_frame_grey(job, i, grey));
       ERN_TRY(ern_pose_align_refine(align, grey, &tracked[i], &poses[i]));

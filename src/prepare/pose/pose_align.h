@@ -18,12 +18,12 @@ struct ern_pose_align;
  * pixels. The caller owns *align. */
 ERN_NODISCARD ern_status ern_pose_align_make(ern_context *context, int side, double focal, double centre,
                                              const struct ern_head_pose *reference, struct ern_pose_align **align);
-/* Adds a frame, grey[side][side], to the mean picture of the points, which ern_pose_align_mean makes the one that poses
- * are refined by. It weighs a point by how little it changes where the
- * head is, and how much the picture changes where the point is in the reference: what stays there is background. */
+/* Adds a frame, grey[side][side], to the mean picture of the points. ern_pose_align_mean makes this picture the one
+ * that poses are refined by. It weighs a point by how little it changes where the head is, and by how much the picture
+ * changes where the reference has the point: what stays there is background. */
 ERN_NODISCARD ern_status ern_pose_align_add(struct ern_pose_align *align, const uint8_t *grey,
                                             const struct ern_head_pose *pose);
-ERN_NODISCARD ern_status ern_pose_align_mean(struct ern_pose_align *align);
+void ern_pose_align_mean(struct ern_pose_align *align);
 /* Moves the pose to where the frame shows the mean picture, and the face is where the tracks have it. It stays where no
  * better one is found nearby. */
 ERN_NODISCARD ern_status ern_pose_align_refine(struct ern_pose_align *align, const uint8_t *grey,

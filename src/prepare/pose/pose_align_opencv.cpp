@@ -122,13 +122,14 @@ double level_of(const ern_pose_align &a, const Picture &picture, const Pose &pos
 using Vector6 = Eigen::Matrix<double, 6, 1>;
 using Matrix6 = Eigen::Matrix<double, 6, 6>;
 
-/* What a pose is refined by: the normal equations of a turn about the camera and a move, x -> x + turn cross x + move;
- * the sums that their least value is told by. */
+/* Weighted least squares of a turn about the camera and a move, x -> x + turn cross x + move. */
 struct Fit {
-  Matrix6 normal = Matrix6::Zero();
+  Matrix6 normal = Matrix6::Zero(); /* of the normal equations */
   Vector6 right = Vector6::Zero();
-  double off = 0, texture = 0, inside = 0, all = 0;
-  /* The derivative of what is off is `by`, by the place of the point that is at `seen`. */
+  double off = 0;             /* sum of the weighted squares of the residuals */
+  double texture = 0;         /* of squared derivatives by the place in the picture, weighted */
+  double inside = 0, all = 0; /* weights of the points that the picture shows, and of all */
+  /* A residual of the point that is at `seen` before the camera; `by`: its derivative by that place. */
   void add(const Eigen::Vector3d &seen, const Eigen::Vector3d &by, double residual, double weight) {
     Vector6 row;
     row << seen.cross(by), by;
@@ -251,7 +252,7 @@ extern "C" ern_status ern_pose_align_add(struct ern_pose_align *align, const uin
   });
 }
 
-extern "C" ern_status ern_pose_align_mean(struct ern_pose_align *align) {
+extern "C" void ern_pose_align_mean(struct ern_pose_align *align) {
   const double n = double(align->added);
   for (size_t k = 0; k < align->points.size() && align->added > 0; k++) {
     const double moving = align->moving[k].variance(n), still = align->still[k].variance(n);
@@ -260,7 +261,6 @@ extern "C" ern_status ern_pose_align_mean(struct ern_pose_align *align) {
     align->moving[k] = align->still[k] = Levels();
   }
   align->added = 0;
-  return ERN_OK;
 }
 
 extern "C" ern_status ern_pose_align_refine(struct ern_pose_align *align, const uint8_t *grey,

@@ -16,15 +16,7 @@
 #include "prepare/prepare_job.h"
 #include "prepare/stabilized_crop.h"
 
-enum {
-  REFERENCES = 9,
-  CHOSEN = 90,
-  WINDOW = 400,
-  OVERLAP = 25,
-  ROUNDS = 3,
-  MEAN_OF = 60,
-  PASSES = 2 + ERN_POSE_ALIGN_ROUNDS
-};
+enum { REFERENCES = 9, CHOSEN = 90, WINDOW = 400, OVERLAP = 25, ROUNDS = 3, PASSES = 2 + ERN_POSE_ALIGN_ROUNDS };
 /* A frame whose head is turned further than this from every reference's becomes a reference itself, degrees. */
 static const double reference_turn = 12;
 /* Tracks that fit a rigid head to this many pixels of 512 tell its pose better than pictures (docs/results.md). */
