@@ -338,6 +338,7 @@ static ern_status encode(struct ern_muxer *muxer, AVCodecContext *codec, AVStrea
     error = avcodec_receive_packet(codec, muxer->packet);
     if (error == AVERROR(EAGAIN) || error == AVERROR_EOF) return ERN_OK;
     if (error < 0) return ern_av_fail(context, ERN_E_MEDIA, muxer->path, "encode", error);
+    if (muxer->from_0 && muxer->packet->pts < 0) continue; /* avcodec_receive_packet frees it */
     av_packet_rescale_ts(muxer->packet, codec->time_base, stream->time_base);
     muxer->packet->stream_index = stream->index;
     if (codec->codec_type == AVMEDIA_TYPE_VIDEO && (muxer->packet->flags & AV_PKT_FLAG_KEY) != 0) muxer->has_key = true;

@@ -70,6 +70,7 @@ struct ern_muxer {
   AVFormatContext *container;
   AVPacket *packet;
   bool has_key; /* set where a picture's packet is a key frame; the caller clears it */
+  bool from_0;  /* leaves out packets before 0 s: an encoder's delay */
 };
 /* Sets metadata tags of the container, before its header is written; does nothing where texts->xmp is NULL.
  * ERN_E_NO_MEMORY. */

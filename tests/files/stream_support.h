@@ -70,26 +70,33 @@ static inline ern_stream_options options_of_stream(const char *format) {
   return options;
 }
 
-/* FRAMES pictures, REPEATED is the one before again. */
-static inline ern_status write_frames(ern_stream_writer *writer) {
+/* FRAMES pictures, REPEATED is the one before again. The first `silent` have silence. */
+static inline ern_status write_frames_after(ern_stream_writer *writer, int silent) {
   static uint8_t rgba[SIDE * SIDE * 4];
   float samples[SAMPLES];
   ern_status status = ERN_OK;
   for (int k = 0; status == ERN_OK && k < FRAMES; k++) {
     paint(rgba, k);
     tone(samples, k);
+    if (k < silent) memset(samples, 0, sizeof samples);
     status = ern_stream_writer_frame(writer, k == REPEATED ? NULL : rgba, samples, SAMPLES);
   }
   return status;
 }
 
-static inline ern_status write_stream(const char *url, const ern_stream_options *options) {
+static inline ern_status write_frames(ern_stream_writer *writer) { return write_frames_after(writer, 0); }
+
+static inline ern_status write_stream_after(const char *url, const ern_stream_options *options, int silent) {
   ern_stream_writer *writer;
   ern_status status = ern_stream_writer_open(context, url, options, &writer);
-  if (status == ERN_OK) status = write_frames(writer);
+  if (status == ERN_OK) status = write_frames_after(writer, silent);
   if (status == ERN_OK) return ern_stream_writer_close(&writer);
   ern_stream_writer_abandon(&writer);
   return status;
+}
+
+static inline ern_status write_stream(const char *url, const ern_stream_options *options) {
+  return write_stream_after(url, options, 0);
 }
 
 /* ---- times ------------------------------------------------------------------------------------------------------- */
@@ -123,6 +130,52 @@ static inline struct times times_of(const char *path) {
   av_packet_free(&packet);
   avformat_close_input(&input);
   return times;
+}
+
+/* The first sample above a quarter of full scale in the packets that were given to the decoder; NaN: none. */
+static inline double first_loud(AVCodecContext *decoder, AVFrame *frame, AVRational base) {
+  double loud = NAN;
+  while (avcodec_receive_frame(decoder, frame) >= 0) {
+    const float *samples = (const float *)(const void *)frame->extended_data[0];
+    assert_int_equal(frame->format, AV_SAMPLE_FMT_FLTP);
+    for (int i = 0; i < frame->nb_samples && isnan(loud); i++)
+      if (fabsf(samples[i]) > 0.25f) loud = (double)frame->pts * av_q2d(base) + (double)i / frame->sample_rate;
+    av_frame_unref(frame);
+  }
+  return loud;
+}
+
+/* Seconds from the first picture to the first loud sample of a sound in AAC; NaN: there is none. */
+static inline double loud_after_picture(const char *path) {
+  AVFormatContext *input = NULL;
+  AVPacket *packet = av_packet_alloc();
+  AVFrame *frame = av_frame_alloc();
+  AVCodecContext *decoder = avcodec_alloc_context3(avcodec_find_decoder(AV_CODEC_ID_AAC));
+  double picture = NAN, loud = NAN;
+  assert_true(packet != NULL && frame != NULL && decoder != NULL);
+  assert_int_equal(avformat_open_input(&input, path, NULL, NULL), 0);
+  assert_true(avformat_find_stream_info(input, NULL) >= 0);
+  while (av_read_frame(input, packet) >= 0) {
+    const AVStream *stream = input->streams[packet->stream_index];
+    if (stream->codecpar->codec_type == AVMEDIA_TYPE_VIDEO) {
+      if (isnan(picture)) picture = (double)packet->pts * av_q2d(stream->time_base);
+    } else {
+      if (!avcodec_is_open(decoder)) {
+        assert_true(avcodec_parameters_to_context(decoder, stream->codecpar) >= 0);
+        decoder->pkt_timebase = stream->time_base;
+        assert_int_equal(avcodec_open2(decoder, NULL, NULL), 0);
+      }
+      assert_int_equal(avcodec_send_packet(decoder, packet), 0);
+      const double found = first_loud(decoder, frame, stream->time_base);
+      if (isnan(loud)) loud = found;
+    }
+    av_packet_unref(packet);
+  }
+  avcodec_free_context(&decoder);
+  av_frame_free(&frame);
+  av_packet_free(&packet);
+  avformat_close_input(&input);
+  return loud - picture;
 }
 
 /* A port that was free a moment ago. */

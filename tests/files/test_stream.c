@@ -36,13 +36,24 @@ static void *copy_all(void *user) {
   return NULL;
 }
 
-static void write_through_fifo(const char *to, const ern_stream_options *options) {
+static void write_through_fifo(const char *to, const ern_stream_options *options, int silent) {
   struct copy copy = {"through", to};
   pthread_t thread;
   make_fifo(copy.from);
   assert_int_equal(pthread_create(&thread, NULL, copy_all, &copy), 0);
-  support_ok(context, write_stream(copy.from, options));
+  support_ok(context, write_stream_after(copy.from, options, silent));
   assert_int_equal(pthread_join(thread, NULL), 0);
+}
+
+/* A sound that begins a second after the first picture. */
+static void check_loud(int pipe, const ern_stream_options *options) {
+  (void)unlink("loud");
+  if (pipe)
+    write_through_fifo("loud", options, FPS);
+  else
+    support_ok(context, write_stream_after("loud", options, FPS));
+  const double loud = loud_after_picture("loud");
+  if (!(fabs(loud - 1) < 0.005)) fail_msg("%s: the sound begins at %g s, expected 1 s", options->format, loud);
 }
 
 /* Of files and of streams, in each form with stamps. AAC's first packet, 1024 samples, comes before the first picture;
@@ -56,7 +67,7 @@ static void test_each_form_has_exact_times(void **state) {
     for (int pipe = 0; pipe < 2; pipe++) {
       (void)unlink("stream");
       if (pipe)
-        write_through_fifo("stream", &options);
+        write_through_fifo("stream", &options, 0);
       else
         support_ok(context, write_stream("stream", &options));
       const struct times times = times_of("stream");
@@ -67,6 +78,7 @@ static void test_each_form_has_exact_times(void **state) {
       if (fabs(times.first_sound - ahead) > most || times.last_sound - ahead < (double)FRAMES / FPS - 0.002 ||
           times.last_sound - ahead > (double)FRAMES / FPS + 2 * most)
         fail_msg("%s: sound from %g to %g s, pictures from %g s", forms[i], times.first_sound, times.last_sound, ahead);
+      if (priming > 0) check_loud(pipe, &options);
     }
   }
   assert_int_equal(descriptors(), before);

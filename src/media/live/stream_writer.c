@@ -147,6 +147,7 @@ static ern_status open_tracks(ern_stream_writer *w) {
   av_reduce(&rate.num, &rate.den, o->rate_numerator, o->rate_denominator, ERN_RATE_PART);
   if (w->form->muxer == NULL) return ERN_NEW(w->context, 4 * (size_t)o->width * (size_t)o->height, &w->last);
   w->muxer = (struct ern_muxer){.context = w->context, .path = w->url, .packet = av_packet_alloc()};
+  w->muxer.from_0 = w->target == TARGET_CALL; /* its head goes out before the first sound, and cannot say the delay */
   const int error = avformat_alloc_output_context2(&w->muxer.container, NULL, w->form->muxer, NULL);
   if (error < 0 || w->muxer.packet == NULL)
     ERN_TRY(ern_av_fail(w->context, ERN_E_MEDIA, w->url, "make a stream", error < 0 ? error : AVERROR(ENOMEM)));
@@ -219,8 +220,8 @@ static ern_status end_piece(ern_stream_writer *w, ern_stream_piece piece) {
   return error >= 0 ? ERN_OK : ern_av_fail(w->context, ERN_E_IO, w->url, "write", error);
 }
 
-/* Ends a fragment. The first call also ends the head, which the muxer writes once it has a packet of each track
- * (delay_moov). */
+/* Ends a fragment. The first call also ends the head (delay_moov), with the first picture; the sound's first packet
+ * comes later. */
 static ern_status end_fragment(ern_stream_writer *w) {
   const ern_stream_piece piece = w->muxer.has_key ? ERN_STREAM_KEY : ERN_STREAM_FRAME;
   ern_status status = ERN_OK;
