@@ -19,7 +19,9 @@ case $1 in
     [ -z "${MINE-}" ] || echo mine > "$MINE"
     case $TRAIN in
       wait) trap 'echo ended >> calls.log; exit 143' TERM HUP; echo waits >> calls.log; for i in {1..300}; do sleep 0.1; done ;;
-      0) echo "$*" > "$4" ;;
+      0)
+        echo "$*" > "$4"
+        [ -z "${HEAD-}" ] || echo head > "${4%.safetensors}.head.safetensors" ;;
       *) exit "$TRAIN" ;;
     esac ;;
 esac
@@ -43,6 +45,25 @@ for name in head.run/state.next head.run/state.previous run/state.next; do
   made half || fail "$name: it did not go on"
   tail -n 2 calls.log | grep -q '^train.* --resume' || fail "$name: trained again"
 done
+
+# killed while it notes the hashes of what it wrote: it goes on, and takes more minutes
+mkdir bin
+cat > bin/sha256sum << END
+#!/usr/bin/env bash
+echo hash >> "$folder/hashes.log"
+[ "\$(wc -l < "$folder/hashes.log")" != "\$KILL_AT" ] || kill -KILL "\$(cat "$folder/pid")"
+exec "$(command -v sha256sum)" "\$@"
+END
+chmod +x bin/sha256sum
+for ((at = 1, killed = 1; killed; at++)); do # at each call, until none is left
+  rm -rf cut hashes.log
+  mkdir cut
+  PATH=$folder/bin:$PATH KILL_AT=$at HEAD=yes bash -c 'echo $$ > pid; exec bash "$@"' bash "$portrait" person.mp4 -o cut > err.log 2>&1 && killed=0
+  while ! flock --nonblock cut true; do sleep 0.1; done # what it has started ends
+  made cut || fail "killed at hash $at: it did not go on"
+  made cut --minutes 20 || fail "killed at hash $at: more minutes were refused"
+done
+[ $at = 7 ] || fail "$((at - 2)) hashes, expected 5: of the clip, two models, a video and its figures"
 
 # a user's own file in the place of one that an earlier call wrote
 made made --minutes 5 || fail "it did not go on"
