@@ -162,6 +162,23 @@ static void test_share(void **state) {
     fail_msg("a place is %g, %g and %g m off", errors[0], errors[1], errors[2]);
 }
 
+/* A clip that is made again has the same identity, else a training on it is refused. */
+static void test_same_bytes(void **state) {
+  (void)state;
+  static double shape[POINTS][3];
+  static struct ern_bundle_pose bundled[FRAMES];
+  for (int run = 0; run < 3; run++) {
+    make(&h, 0.004, 0.5, 0.1);
+    (void)adjust(&h, 1);
+    support_ok(h.context, ern_bundle_path(&h.bundle, 0, FRAMES));
+    if (run > 0) assert_memory_equal(h.shape, shape, sizeof shape);
+    if (run > 0) assert_memory_equal(h.bundled, bundled, sizeof bundled);
+    memcpy(shape, h.shape, sizeof shape);
+    memcpy(bundled, h.bundled, sizeof bundled);
+    ern_context_free(&h.context);
+  }
+}
+
 static void test_pose_round_trip(void **state) {
   (void)state;
   uint64_t random = 3;
@@ -305,6 +322,7 @@ int main(void) {
                                      cmocka_unit_test(test_noise_and_outliers),
                                      cmocka_unit_test(test_little_turn),
                                      cmocka_unit_test(test_share),
+                                     cmocka_unit_test(test_same_bytes),
                                      cmocka_unit_test(test_pose_round_trip),
                                      cmocka_unit_test(test_degenerate_long),
                                      cmocka_unit_test(test_no_numbers),
