@@ -130,6 +130,9 @@ static void test_files_that_lie(void **state) {
               {"scale\\\":3.0", "scale\\\":0.0", "scale is 0, expected 0.001 to 1000"},
               {"scale\\\":3.0", "scalx\\\":3.0", "this version knows no scalx"},
               {"\\\"scale\\\":3.0,", "              ", "field scale"},
+              {"clip\\\":\\\"11112222333344445555666677778888aaaabbbbccccddddeeeeffff00009999\\\"",
+               "clip\\\":[\\\"112222333344445555666677778888aaaabbbbccccddddeeeeffff00009999\\\"]", "field clip"},
+              {"speech\\\":\\\"\\\"", "speech\\\":null", "field speech"},
               {"audio_pad\\\":\\\"zero", "audio_pad\\\":\\\"zerx", "audio_pad is \"zerx\", expected edge or zero"}};
   size_t count = 0;
   char *bytes = read_file("body.safetensors", &count);
