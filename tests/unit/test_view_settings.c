@@ -243,8 +243,8 @@ static void test_state_describes_itself(void **state) {
                  ERN_E_MISSING, "nobody.run", NULL);
 }
 
-/* A state without settings is the public program's. A setting that is missing was added later; one that is unknown, or
- * nonsense, is refused by its name. */
+/* A state without settings is the public program's. A setting that is missing was added later; a member that is
+ * unknown, or nonsense, is refused by its name. */
 static void test_states_of_others(void **state) {
   (void)state;
   struct ern_state_about about;
@@ -264,7 +264,9 @@ static void test_states_of_others(void **state) {
                                          {SETTINGS(",\"threads\":\"5\""), "training.threads"},
                                          {SETTINGS(",\"data_begin\":\"3\""), "training.settings"},
                                          {SETTINGS(",\"patch_size\":\"17\""), "training.settings"},
-                                         {"{" STATE ",\"training\":[]}", "training.settings"}};
+                                         {"{" STATE ",\"training\":[]}", "training.settings"},
+                                         {SETTINGS("},\"of_tomorrow\":{\"a\":\"b\""), "training.of_tomorrow"},
+                                         {"{" STATE ",\"of_tomorrow\":1}", "knows no of_tomorrow"}};
   for (size_t i = 0; i < sizeof wrong / sizeof *wrong; i++)
     support_expect(made.context, ern_state_about_parse(made.context, wrong[i][0], "s", &about), ERN_E_FORMAT,
                    "s: ", wrong[i][1], NULL);
