@@ -103,7 +103,9 @@ typedef enum ern_log_level {
 
 /* Floating point. A function that computes sets the floating-point environment that C programs start in: rounding to
  * nearest, denormal numbers kept, nothing trapped. It restores the caller's environment before it returns. Hooks and
- * callbacks that it calls run in the environment that it has set. */
+ * callbacks that it calls run in the environment that it has set. One exception: a program that uses OpenCV itself must
+ * do so first in that environment, as OpenCV's threads, which are those of the process, keep the one that they begin
+ * in. */
 
 /* Stack. A function needs up to 512 KiB of the stack of the thread that calls it. Where the default of threads is less,
  * as with a small limit of the stack (ulimit -s) or in C libraries other than glibc, the program gives its threads

@@ -94,7 +94,8 @@ typedef struct ern_prepare_result {
  * the call. Files of the user's are read before a step that
  * needs them removes anything. *result is filled on failure too. A refused step ends the call with ERN_E_UNSUPPORTED,
  * and its words are the message. The report is written then too, with one exception: where "face" is refused, the clip
- * of an earlier call stays as it is, with its report. Uses the threads of OpenCV and Ceres Solver. */
+ * of an earlier call stays as it is, with its report. Uses the threads of OpenCV. On one machine the files have the
+ * same bytes for any number of them. */
 ERN_API ERN_NODISCARD ern_status ern_prepare_sized(ern_context *context, const char *video, const char *folder,
                                                    const ern_prepare_options *options, ern_prepare_result *result,
                                                    size_t bytes);

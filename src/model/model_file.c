@@ -194,26 +194,25 @@ static ern_status read_view(ern_context *context, const json_t *root, const char
   return ERN_OK;
 }
 
-/* The kind of the features; and the object that describes the network, as text, which is checked when it is used. */
-static ern_status read_speech(ern_context *context, const json_t *root, const char *path, ern_model *identity) {
-  const json_t *speech = json_object_get(root, "speech"), *network = json_object_get(root, "speech_network");
+/* Files of early versions lack some of these fields. */
+static ern_status read_text(ern_context *context, const json_t *root, const char *path, const char *field, char *text,
+                            size_t bytes) {
+  const json_t *value = json_object_get(root, field);
+  if (value == NULL) return ERN_OK;
+  if (!json_is_string(value) || json_string_length(value) >= bytes) return wrong_field(context, path, field);
+  snprintf(text, bytes, "%s", json_string_value(value));
+  return ERN_OK;
+}
+
+/* The object that describes the network of the features, as text, which is checked when it is used. */
+static ern_status read_network(ern_context *context, const json_t *root, const char *path, ern_model *identity) {
+  const json_t *network = json_object_get(root, "speech_network");
   char *text = identity->speech_network;
   const size_t capacity = sizeof identity->speech_network;
-  if (speech != NULL && !json_is_string(speech)) return wrong_field(context, path, "speech");
-  snprintf(identity->speech, sizeof identity->speech, "%s", speech != NULL ? json_string_value(speech) : "");
   if (network == NULL) return ERN_OK;
   const size_t count = json_is_object(network) ? json_dumpb(network, text, capacity - 1, JSON_COMPACT) : 0;
   if (count == 0 || count >= capacity) return wrong_field(context, path, "speech_network");
   text[count] = 0;
-  return ERN_OK;
-}
-
-static ern_status read_consent(ern_context *context, const json_t *root, const char *path, ern_model *identity) {
-  const json_t *consent = json_object_get(root, "consent");
-  if (consent == NULL) return ERN_OK;
-  if (!json_is_string(consent) || json_string_length(consent) >= sizeof identity->consent)
-    return wrong_field(context, path, "consent");
-  snprintf(identity->consent, sizeof identity->consent, "%s", json_string_value(consent));
   return ERN_OK;
 }
 
@@ -290,16 +289,17 @@ static ern_status read_metadata(ern_context *context, const char *text, const ch
   const json_t *view = json_object_get(root, "view"); /* missing in files of early versions: true */
   if (view != NULL && !json_is_boolean(view)) ERN_TRY(wrong_field(context, path, "view"));
   config->no_view = view != NULL && !json_is_true(view);
-  const json_t *bound = json_object_get(root, "bound"), *clip = json_object_get(root, "clip");
+  const json_t *bound = json_object_get(root, "bound");
   const json_t *dub = json_object_get(root, "dub"); /* missing: false */
   if (dub != NULL && !json_is_boolean(dub)) ERN_TRY(wrong_field(context, path, "dub"));
   identity->dub = json_is_true(dub);
   if (!json_is_number(bound)) ERN_TRY(wrong_field(context, path, "bound"));
   config->bound = (float)json_number_value(bound);
   ERN_TRY(read_fade(context, root, path, config));
-  if (json_is_string(clip)) snprintf(identity->clip, sizeof identity->clip, "%s", json_string_value(clip));
-  ERN_TRY(read_speech(context, root, path, identity)); /* missing in files of early versions */
-  ERN_TRY(read_consent(context, root, path, identity));
+  ERN_TRY(read_text(context, root, path, "clip", identity->clip, sizeof identity->clip));
+  ERN_TRY(read_text(context, root, path, "speech", identity->speech, sizeof identity->speech));
+  ERN_TRY(read_text(context, root, path, "consent", identity->consent, sizeof identity->consent));
+  ERN_TRY(read_network(context, root, path, identity));
   ERN_TRY(read_steps(context, root, path, "head_steps", &identity->head_steps));
   ERN_TRY(read_steps(context, root, path, "torso_steps", &identity->torso_steps));
   ERN_TRY(read_view(context, root, path, &identity->view));

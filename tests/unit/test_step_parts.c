@@ -246,6 +246,38 @@ static ern_status none(void *user, float *values, size_t count, char *words) {
   return nothing(user, values, count, words);
 }
 
+/* Rank 0's value of the loss is that of other weights: of all that is broadcast the loss alone is a double. */
+static ern_status other_weights(void *user, void *bytes, size_t count, char *words) {
+  (void)user, (void)words;
+  if (count == sizeof(double)) *(double *)bytes *= 1.01;
+  return ERN_OK;
+}
+static ern_status square(void *user, const float *pixel, const float *truth, int side, double *loss, float *dpixel) {
+  (void)user;
+  *loss = 0;
+  for (int i = 0; i < 3 * side * side; i++) {
+    dpixel[i] = 2 * (pixel[i] - truth[i]);
+    *loss += (double)(dpixel[i] * dpixel[i] / 4);
+  }
+  return ERN_OK;
+}
+
+static void test_other_loss(void **state) {
+  (void)state;
+  struct made data;
+  made_open(&data);
+  ern_train_config config = small_config(2, NULL);
+  config.rays = 512; /* two patches */
+  config.step_parts = 2;
+  config.patch_size = 16;
+  config.fine_steps = 1;
+  config.fine_loss = &(ern_fine_loss){.name = "square", .compute = square};
+  ern_communicator together = {.rank = 1, .size = 2, .sum = dead, .gather = none, .broadcast = other_weights};
+  config.communicator = &together;
+  support_expect(data.context, train(&data, &config, NULL), ERN_E_MISMATCH, "rank 1", "fine_loss \"square\"", NULL);
+  made_close(&data);
+}
+
 /* What was learnt before is saved, and the words are those of the communicator. */
 static void test_dies(void **state) {
   (void)state;
@@ -299,9 +331,13 @@ static void test_mismatch(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_head_long),       cmocka_unit_test(test_head_of_frames_long),
-                                     cmocka_unit_test(test_torso),           cmocka_unit_test(test_refused),
-                                     cmocka_unit_test(test_is_the_gradient), cmocka_unit_test(test_dies),
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_head_long),
+                                     cmocka_unit_test(test_head_of_frames_long),
+                                     cmocka_unit_test(test_torso),
+                                     cmocka_unit_test(test_refused),
+                                     cmocka_unit_test(test_is_the_gradient),
+                                     cmocka_unit_test(test_other_loss),
+                                     cmocka_unit_test(test_dies),
                                      cmocka_unit_test(test_mismatch)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

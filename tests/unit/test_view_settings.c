@@ -130,6 +130,9 @@ static void test_files_that_lie(void **state) {
               {"scale\\\":3.0", "scale\\\":0.0", "scale is 0, expected 0.001 to 1000"},
               {"scale\\\":3.0", "scalx\\\":3.0", "this version knows no scalx"},
               {"\\\"scale\\\":3.0,", "              ", "field scale"},
+              {"clip\\\":\\\"11112222333344445555666677778888aaaabbbbccccddddeeeeffff00009999\\\"",
+               "clip\\\":[\\\"112222333344445555666677778888aaaabbbbccccddddeeeeffff00009999\\\"]", "field clip"},
+              {"speech\\\":\\\"\\\"", "speech\\\":null", "field speech"},
               {"audio_pad\\\":\\\"zero", "audio_pad\\\":\\\"zerx", "audio_pad is \"zerx\", expected edge or zero"}};
   size_t count = 0;
   char *bytes = read_file("body.safetensors", &count);
@@ -240,8 +243,8 @@ static void test_state_describes_itself(void **state) {
                  ERN_E_MISSING, "nobody.run", NULL);
 }
 
-/* A state without settings is the public program's. A setting that is missing was added later; one that is unknown, or
- * nonsense, is refused by its name. */
+/* A state without settings is the public program's. A setting that is missing was added later; a member that is
+ * unknown, or nonsense, is refused by its name. */
 static void test_states_of_others(void **state) {
   (void)state;
   struct ern_state_about about;
@@ -261,7 +264,9 @@ static void test_states_of_others(void **state) {
                                          {SETTINGS(",\"threads\":\"5\""), "training.threads"},
                                          {SETTINGS(",\"data_begin\":\"3\""), "training.settings"},
                                          {SETTINGS(",\"patch_size\":\"17\""), "training.settings"},
-                                         {"{" STATE ",\"training\":[]}", "training.settings"}};
+                                         {"{" STATE ",\"training\":[]}", "training.settings"},
+                                         {SETTINGS("},\"of_tomorrow\":{\"a\":\"b\""), "training.of_tomorrow"},
+                                         {"{" STATE ",\"of_tomorrow\":1}", "knows no of_tomorrow"}};
   for (size_t i = 0; i < sizeof wrong / sizeof *wrong; i++)
     support_expect(made.context, ern_state_about_parse(made.context, wrong[i][0], "s", &about), ERN_E_FORMAT,
                    "s: ", wrong[i][1], NULL);

@@ -139,7 +139,7 @@ ern_status solve(const struct ern_bundle &b, Adjustment &adjustment, ceres::Line
   ceres::Solver::Summary summary;
   options.linear_solver_type = type;
   options.max_num_iterations = rounds;
-  options.num_threads = 1; /* more add in any order, and another run gives other poses */
+  options.num_threads = 1; /* several add the sums in another order each time */
   options.function_tolerance = 1e-5;
   options.logging_type = ceres::SILENT;
   if (adjustment.problem.NumResidualBlocks() == 0) return ERN_OK;
