@@ -115,7 +115,38 @@ static void test_nearest(void **state) {
     }
 }
 
+/* Tracks that drift slowly and a refinement that finds the drift, and noise: the drift is taken, the noise is not. The
+ * head itself turns from frame to frame, which stays. */
+static void test_smooth(void **state) {
+  (void)state;
+  enum { MANY = 60 };
+  ern_context *context = support_context();
+  static struct ern_head_pose tracked[MANY], poses[MANY];
+  double trembles = 0, noise = 0;
+  uint64_t random = 11;
+  for (int i = 0; i < MANY; i++) {
+    const double turn = 5 * sin(0.9 * i), drift = 2.0 * i / MANY;
+    tracked[i] = made_pose(turn, 3, -4, 0.01, 0.02, 0.9);
+    poses[i] = made_pose(turn + drift + made_random(&random), 3, -4, 0.01, 0.02, 0.9);
+  }
+  support_ok(context, ern_pose_align_smooth(context, tracked, MANY, poses));
+  for (int i = 6; i < MANY - 6; i++) {
+    const struct ern_head_pose truth = made_pose(5 * sin(0.9 * i) + 2.0 * i / MANY, 3, -4, 0.01, 0.02, 0.9);
+    const double off = made_angle((const double(*)[3])truth.rotation, (const double(*)[3])poses[i].rotation);
+    trembles += off * off / (MANY - 12);
+    noise += 1.0 / 3 / (MANY - 12); /* the variance of numbers from -1 to 1 */
+    assert_true(fabs(poses[i].translation[2] - truth.translation[2]) < 1e-9);
+  }
+  /* a Gaussian of deviation 2 leaves 1/(2 sqrt(pi) 2) = 0.14 of the variance of white noise */
+  if (!(trembles < 0.25 * noise)) fail_msg("off by %.3f degrees, with noise of %.3f", sqrt(trembles), sqrt(noise));
+  struct ern_head_pose one = poses[0];
+  support_ok(context, ern_pose_align_smooth(context, &tracked[0], 1, &one));
+  assert_true(made_angle((const double(*)[3])poses[0].rotation, (const double(*)[3])one.rotation) < 1e-4);
+  ern_context_free(&context);
+}
+
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_refined), cmocka_unit_test(test_nearest)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_refined), cmocka_unit_test(test_smooth),
+                                     cmocka_unit_test(test_nearest)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }
