@@ -50,3 +50,14 @@ ern_status ern_json_parse(ern_context *context, const char *path, const char *pa
   *root = NULL;
   return ern_fail(context, ERN_E_FORMAT, "%s: %sis no JSON object", path, part);
 }
+
+const char *ern_json_unknown_member(json_t *root, const char *const *known, size_t count) {
+  const char *name;
+  json_t *value;
+  json_object_foreach(root, name, value) {
+    size_t i = 0;
+    while (i < count && strcmp(known[i], name) != 0) i++;
+    if (i == count) return name;
+  }
+  return NULL;
+}

@@ -14,5 +14,7 @@
  * the part of the file, such as "header: ". */
 ERN_NODISCARD ern_status ern_json_parse(ern_context *context, const char *path, const char *part, const char *text,
                                         size_t length, size_t most, json_t **root);
+/* The first member of an object that is not one of known[count], in the memory of `root`; NULL: none. */
+const char *ern_json_unknown_member(json_t *root, const char *const *known, size_t count);
 
 #endif

@@ -61,16 +61,10 @@ static ern_status read_text(const struct reading *reading, const char *name, con
 static ern_status check_names(const struct reading *reading) {
   static const char *const known[] = {"kind",        "rate",  "normalisation", "piece_samples", "context_samples",
                                       "row_samples", "width", "window_rows",   "output",        "sha256"};
-  const char *name;
-  json_t *value;
-  json_object_foreach((json_t *)reading->root, name, value) {
-    bool found = false;
-    for (size_t i = 0; i < sizeof known / sizeof *known; i++) found |= strcmp(name, known[i]) == 0;
-    if (!found)
-      return ern_fail(reading->context, ERN_E_FORMAT, "%s: %.60s is no field of a network's description",
-                      reading->where, name);
-  }
-  return ERN_OK;
+  const char *name = ern_json_unknown_member((json_t *)reading->root, known, sizeof known / sizeof *known);
+  if (name == NULL) return ERN_OK;
+  return ern_fail(reading->context, ERN_E_FORMAT, "%s: %.60s is no field of a network's description", reading->where,
+                  name);
 }
 
 static ern_status read_normalisation(const struct reading *reading, enum ern_speech_normalisation *to) {

@@ -10,6 +10,7 @@
 #include "core/floats.h"
 #include "core/memory.h"
 #include "io/file.h"
+#include "io/json.h"
 #include "io/npy.h"
 #include "model/checkpoint.h"
 #include "model/kinds.h"
@@ -241,15 +242,9 @@ static ern_status check_members(ern_context *context, json_t *root, const char *
                                       "codes",         "bound",     "clip",          "head_steps", "torso_steps",
                                       "speech",        "consent",   "dub",           "voice_fade", "speech_network",
                                       "max_steps",     "dt_gamma",  "torso_shrink",  "scale",      "audio_pad"};
-  const char *name;
-  json_t *value;
-  json_object_foreach(root, name, value) {
-    size_t i = 0;
-    while (i < sizeof known / sizeof *known && strcmp(known[i], name) != 0) i++;
-    if (i == sizeof known / sizeof *known)
-      return ern_fail(context, ERN_E_FORMAT, "%s: metadata \"ernerf\": this version knows no %.40s", path, name);
-  }
-  return ERN_OK;
+  const char *name = ern_json_unknown_member(root, known, sizeof known / sizeof *known);
+  if (name == NULL) return ERN_OK;
+  return ern_fail(context, ERN_E_FORMAT, "%s: metadata \"ernerf\": this version knows no %.40s", path, name);
 }
 
 static ern_status read_metadata(ern_context *context, const char *text, const char *path,

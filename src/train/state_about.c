@@ -9,6 +9,7 @@
 #include "core/format.h"
 #include "core/memory.h"
 #include "core/setting_table.h"
+#include "io/json.h"
 #include "train/patches_ops.h"
 #include "train/train_settings.h"
 
@@ -63,19 +64,6 @@ static bool read_text(const json_t *value, size_t bytes, char *text) {
   return true;
 }
 
-/* The first member that is not one of `known`, which NULL ends, in the memory of `root`; NULL: none. What a later
- * version keeps, the training may depend on. */
-static const char *unknown_member(json_t *root, const char *const *known) {
-  const char *name;
-  json_t *value;
-  json_object_foreach(root, name, value) {
-    size_t i = 0;
-    while (known[i] != NULL && strcmp(known[i], name) != 0) i++;
-    if (known[i] == NULL) return name;
-  }
-  return NULL;
-}
-
 static const ern_setting *kept_setting(const char *name) {
   const ern_setting *s;
   for (size_t i = 0; (s = ern_train_setting(i)) != NULL; i++)
@@ -97,10 +85,11 @@ static bool read_settings(json_t *root, ern_train_config *config, const char **w
   return json_is_object(root) && config->data_begin < config->data_end && config->patch_size % ERN_PATCH_UNIT == 0;
 }
 
-/* The name of the first field that is missing, unknown or out of range, in the memory of `root`; NULL: none. */
+/* The name of the first field that is missing, unknown or out of range, in the memory of `root`; NULL: none. The
+ * training may depend on what a later version keeps. */
 static const char *read_training(json_t *root, struct ern_state_about *about) {
-  static const char *const known[] = {"settings",  "torso_layer", "features", "fingerprint", "seconds_beside",
-                                      "fine_from", "fine_loss",   "pruned",   NULL};
+  static const char *const known[] = {"settings",       "torso_layer", "features",  "fingerprint",
+                                      "seconds_beside", "fine_from",   "fine_loss", "pruned"};
   const json_t *layer = json_object_get(root, "torso_layer"), *pruned = json_object_get(root, "pruned"),
                *fine_from = json_object_get(root, "fine_from");
   const char *wrong;
@@ -118,12 +107,12 @@ static const char *read_training(json_t *root, struct ern_state_about *about) {
   if (!read_text(json_object_get(root, "fine_loss"), sizeof about->fine_loss, about->fine_loss)) return "fine_loss";
   if (!json_is_boolean(pruned)) return "pruned";
   about->pruned = json_is_true(pruned);
-  return unknown_member(root, known);
+  return ern_json_unknown_member(root, known, sizeof known / sizeof *known);
 }
 
 ern_status ern_state_about_parse(ern_context *context, const char *text, const char *path,
                                  struct ern_state_about *about) {
-  static const char *const known[] = {"torso", "step", "ema_updates", "seconds", "training", NULL};
+  static const char *const known[] = {"torso", "step", "ema_updates", "seconds", "training"};
   json_error_t error;
   json_t *root = json_loads(text, JSON_REJECT_DUPLICATES, &error), *training = json_object_get(root, "training");
   const json_t *torso = json_object_get(root, "torso"), *step = json_object_get(root, "step"),
@@ -138,7 +127,7 @@ ern_status ern_state_about_parse(ern_context *context, const char *text, const c
       !read_seconds(json_object_get(root, "seconds"), &about->seconds))
     ERN_TRY(ern_fail(context, ERN_E_FORMAT,
                      "%s: metadata \"ernerf.state\" lacks a field or holds one of another type or range", path));
-  const char *later = unknown_member(root, known);
+  const char *later = ern_json_unknown_member(root, known, sizeof known / sizeof *known);
   if (later != NULL)
     ERN_TRY(ern_fail(context, ERN_E_FORMAT, "%s: metadata \"ernerf.state\": this version knows no %.40s", path, later));
   const char *wrong = training != NULL ? read_training(training, about) : NULL;
