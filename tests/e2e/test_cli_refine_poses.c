@@ -51,7 +51,7 @@ static double number(const json_t *object, const char *name) {
 static void test_known_turn_long(void **state) {
   (void)state;
   cli_run(&cli,
-          "train clip -o m.safetensors --iters 400 --rays 512 --levels 6 --validate-every 0 "
+          "train clip -o m.safetensors --iters 1000 --rays 512 --levels 6 --validate-every 0 "
           "--validate-frames 1 --quiet");
   cli_expect(&cli, 0, NULL);
   cli_run(&cli, "eval m.safetensors clip --frames 0:2 --json - --quiet");
@@ -65,7 +65,7 @@ static void test_known_turn_long(void **state) {
   assert_true(wrong < best - 1);
   assert_true(found > best - 0.2);
   assert_true(number(refined, "psnr_head") > number(turned, "psnr_head") + 1);
-  /* a head of 400 steps is drawn best 0.3 degrees from exact poses */
+  /* a head of 1,000 steps is drawn best 0.3 degrees from exact poses */
   assert_true(fabs(number(refined, "turned_degrees") - TURN) < 0.7);
   size_t index;
   json_array_foreach(json_object_get(turned, "frames"), index, frame)

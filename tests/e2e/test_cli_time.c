@@ -121,8 +121,7 @@ static void test_paper_long(void **state) {
   cli_expect(&cli, 0, NULL);
   cli_run(&cli,
           "train clip -o same.safetensors --iters 40 --rays 64 --levels 2 --seed 3 --validate-frames 1 --quiet "
-          "--set refresh-every=16 "
-          "--set ray-sampling=uniform");
+          "--set refresh-every=16 --set ray-sampling=uniform --set voice-fade=no");
   cli_expect(&cli, 0, NULL);
   cli_same_bytes("paper.safetensors", "same.safetensors");
 }
