@@ -117,8 +117,8 @@ typedef struct ern_stream_options {
                               their thread; the end of a part has 0 bytes. Anything but 0 is ERN_E_IO. Read by
                               ern_stream_writer_open alone; NULL (default): none */
   const char *profile; /* of H.264: "baseline" (constrained), "main" or "high", of which a receiver may decode only
-                          the first ones; NULL (default): what the preset makes, mostly high. Read by
-                          ern_stream_writer_open alone */
+                          the first ones, and which have no lossless crf 0; NULL (default): what the preset makes,
+                          mostly high. Read by ern_stream_writer_open alone */
 } ern_stream_options;
 
 /* The defaults. */

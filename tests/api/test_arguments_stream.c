@@ -93,6 +93,11 @@ CHECK(ern_stream_writer_open) {
   options.profile = "extended";
   REFUSED(w.context, "profile is \"extended\", expected baseline, main or high",
           ern_stream_writer_open(w.context, "a.ts", &options, &writer));
+  options.profile = "baseline";
+  options.crf = 0;
+  REFUSED(w.context, "crf is 0, lossless, which H.264 has not in its baseline profile, expected 1 to 51",
+          ern_stream_writer_open(w.context, "a.ts", &options, &writer));
+  options.crf = ern_stream_options_default(1, 1).crf;
   options.profile = NULL;
   options.format = "theora";
   support_expect(w.context, ern_stream_writer_open(w.context, junk, &options, &writer), ERN_E_UNSUPPORTED,

@@ -68,12 +68,17 @@ struct ern_stream_writer {
 
 /* ---- what is asked for ------------------------------------------------------------------------------------------- */
 
-static ern_status check_profile(ern_context *context, const char *url, const char *profile) {
+static ern_status check_profile(ern_context *context, const char *url, const char *profile, int crf) {
   static const char *const known[] = {"baseline", "main", "high"};
-  bool is_known = profile == NULL;
-  for (size_t i = 0; i < sizeof known / sizeof *known && !is_known; i++) is_known = strcmp(profile, known[i]) == 0;
-  if (is_known) return ERN_OK;
-  return ern_fail(context, ERN_E_ARGUMENT, "%s: profile is \"%s\", expected baseline, main or high", url, profile);
+  bool is_known = false;
+  if (profile == NULL) return ERN_OK;
+  for (size_t i = 0; i < sizeof known / sizeof *known; i++) is_known |= strcmp(profile, known[i]) == 0;
+  if (!is_known)
+    return ern_fail(context, ERN_E_ARGUMENT, "%s: profile is \"%s\", expected baseline, main or high", url, profile);
+  if (crf > 0) return ERN_OK;
+  return ern_fail(context, ERN_E_ARGUMENT,
+                  "%s: crf is %d, lossless, which H.264 has not in its %s profile, expected 1 to 51", url, crf,
+                  profile);
 }
 
 static ern_status check_options(ern_context *context, const char *url, const ern_stream_options *o) {
@@ -90,7 +95,7 @@ static ern_status check_options(ern_context *context, const char *url, const ern
   if (!(o->pixel_aspect >= 0.01 && o->pixel_aspect <= 100))
     return ern_fail(context, ERN_E_ARGUMENT, "%s: pixel_aspect is %g, expected 0.01 to 100", url, o->pixel_aspect);
   ern_status status = ern_video_codec_check(context, url, ern_video_codec_live(), o->crf, o->preset);
-  if (status == ERN_OK) status = check_profile(context, url, o->profile);
+  if (status == ERN_OK) status = check_profile(context, url, o->profile, o->crf);
   if (status == ERN_OK) status = ern_picture_rate_check(context, url, o->rate_numerator, o->rate_denominator);
   return status == ERN_OK ? ern_image_check_sides(context, url, o->width, o->height) : status;
 }
