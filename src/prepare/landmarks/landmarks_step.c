@@ -17,7 +17,7 @@
 enum { LOOKS = 240, CHIN_LOOKS = 60, LOWER_COLUMNS = 61, LOWER_ROWS = 76, CHIN_COLUMNS = 88, CHIN_ROWS = 104 };
 static const double lower_step = 0.001, chin_step = 0.0006; /* metres */
 static const float most_drop = 0.03f;                       /* of the jaw, metres */
-static const double most_opening = 25;                      /* millimetres; of twelve people 8 to 19 */
+static const double most_opening = 25;                      /* millimetres; of fifteen people 8 to 19 */
 
 struct fit {
   struct ern_prepare_job *job;
@@ -203,8 +203,8 @@ static ern_status chin_drop(struct fit *fit, size_t frame, const uint8_t *rest, 
   return ERN_OK;
 }
 
-/* The frame whose chin looks most like the mean of all: of a mouth that is wide open, flow finds another lip or a
- * collar. */
+/* The frame whose chin looks most like the mean: from a frame with a wide open mouth, the flow leads to another lip or
+ * to the collar. */
 static ern_status find_rest(struct fit *fit, float *values, uint8_t *crop, size_t *rest) {
   enum { PIXELS = CHIN_COLUMNS * CHIN_ROWS };
   const size_t frames = fit->job->frames, looks = frames < CHIN_LOOKS ? frames : CHIN_LOOKS;
@@ -262,9 +262,9 @@ static ern_status follow_chin(struct fit *fit) {
   if (opens > most_opening)
     ern_prepare_add_reason(
         fit->job, ERN_PREPARE_DOUBTFUL,
-        "the mouth opens by %.0f mm, expected %g mm at most of a person who speaks; so lower lip "
-        "and chin are hardly where overlay.mp4 shows them, as where the chin leaves the picture or is "
-        "hidden; --landmarks takes points of another program",
+        "the mouth opens by %.0f mm, expected %g mm at most of a person who speaks: the landmarks of "
+        "lower lip and chin are probably wrong (overlay.mp4 shows them), for example because the chin leaves the "
+        "picture or is hidden; --landmarks takes points of another program",
         opens, most_opening);
 fail:
   ern_release(context, rest);

@@ -28,8 +28,9 @@ void ern_pose_align_mean(struct ern_pose_align *align);
  * better one is found nearby. */
 ERN_NODISCARD ern_status ern_pose_align_refine(struct ern_pose_align *align, const uint8_t *grey,
                                                const struct ern_head_pose *tracked, struct ern_head_pose *pose);
-/* Smooths what poses[frames] were moved by, rotation vector and translation, by a Gaussian over frames: errors of
- * tracks change slowly, and a single picture turns the head by noise, which would be seen as trembling. */
+/* Smooths in time, by a Gaussian, the corrections: poses[frames] minus tracked[frames], rotation vector and
+ * translation. Errors of tracks change slowly; a single picture turns the head by noise, which would be seen as
+ * trembling. */
 ERN_NODISCARD ern_status ern_pose_align_smooth(ern_context *context, const struct ern_head_pose *tracked, size_t frames,
                                                struct ern_head_pose *poses);
 /* All of it: poses[job->frames], by the mean picture of some of the frames, in ERN_POSE_ALIGN_ROUNDS rounds, smoothed.

@@ -76,13 +76,24 @@ ern_status ern_trainer_fine_take(struct ern_trainer_fine *f, struct ern_training
   return ERN_OK;
 }
 
-/* Calls the loss on a made-up patch, so that its errors are reported before the training, not at its fine stage.
- * Processes whose values differ by more than rounding have other weights. */
+/* Processes whose values of the loss differ by more than rounding have other weights. */
+static ern_status compare_loss(const struct ern_training *t, double value) {
+  double first = value;
+  if (t->communicator.size <= 1) return ERN_OK;
+  const ern_status status = ern_trainer_broadcast(t, &first, sizeof first);
+  if (status != ERN_OK || fabs(value - first) <= 1e-3 * fabs(first)) return status;
+  return ern_fail(t->context, ERN_E_MISMATCH,
+                  "train: rank %d has a fine_loss \"%s\" of %g for a made-up patch; rank 0 has %g, expected the same: "
+                  "other weights?",
+                  t->communicator.rank, t->config.fine_loss->name, value, first);
+}
+
+/* Calls the loss on a made-up patch, so that its errors are reported before the training, not at its fine stage. */
 static ern_status try_loss(const struct ern_training *t) {
   const ern_fine_loss *loss = t->config.fine_loss;
   const size_t count = 3 * patch_rays(t);
   float *pixel = NULL, *truth, *dpixel;
-  double value = 0, first;
+  double value = 0;
   if (loss == NULL) return ERN_OK;
   ern_status status = ERN_NEW(t->context, 3 * count, &pixel);
   if (status != ERN_OK) return status;
@@ -90,13 +101,7 @@ static ern_status try_loss(const struct ern_training *t) {
   dpixel = truth + count;
   for (size_t i = 0; i < count; i++) truth[i] = (float)(i % 7) / 6;
   ERN_TRY(ern_fine_loss_compute(t->context, loss, pixel, truth, t->config.patch_size, &value, dpixel));
-  first = value;
-  if (t->communicator.size > 1) ERN_TRY(ern_trainer_broadcast(t, &first, sizeof first));
-  if (!(fabs(value - first) <= 1e-3 * fabs(first)))
-    status = ern_fail(t->context, ERN_E_MISMATCH,
-                      "train: rank %d has a fine_loss \"%s\" of %g for a made-up patch; rank 0 has %g, expected the "
-                      "same: other weights?",
-                      t->communicator.rank, loss->name, value, first);
+  ERN_TRY(compare_loss(t, value));
 fail:
   ern_release(t->context, pixel);
   return status;

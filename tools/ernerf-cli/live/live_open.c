@@ -39,7 +39,8 @@ static void picture_options(struct live_job *job, struct option options[LIVE_PIC
       {ARGS_RATE("fps", &job->rate), .help = "frames a second, 1 to 100 (default 25)"},
       {ARGS_TEXT("bg-img", &job->background_file), .choices = "FILE|white|black",
        .help = "background (default the clip's)"},
-      {ARGS_INT("crf", &job->output.crf, 0, 51), .help = "H.264 quality, the lower the better"},
+      {ARGS_INT("crf", &job->output.crf, job->output.profile == NULL ? 0 : 1, 51),
+       .help = "H.264 quality, the lower the better"},
       {ARGS_TEXT("voice", &job->sound.tts.voice), .choices = "NAME",
        .help = "espeak-ng's voice that says what --control asks for (default en)"}};
   job->rate = (struct rate){RATE_CLIP, 1};

@@ -229,6 +229,7 @@ int cmd_serve(int argc, char **argv) {
                       .words = words,
                       .word_count = SERVE_PORTRAITS,
                       .optional_words = SERVE_PORTRAITS - 1};
+  serve->live.output.profile = "baseline"; /* which every receiver of WebRTC decodes (RFC 7742) */
   in_options(serve, tables->in);
   out_options(serve, tables->out);
   live_tables_fill(tables, &serve->live, IN_OPTIONS, OUT_OPTIONS, &args);

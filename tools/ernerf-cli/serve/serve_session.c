@@ -200,7 +200,6 @@ int serve_session_open(struct serve_session *s, const struct args *args, const s
   job->sound.dropped_user = s;
   job->output.url = s->id;
   job->output.drops = true;
-  job->output.profile = "baseline"; /* which every receiver of WebRTC decodes (RFC 7742) */
   job->output.write = take;
   job->output.sound = hear;
   job->output.write_user = s;
