@@ -121,7 +121,8 @@ typedef struct ern_fine_loss {
    * and dpixel (d loss/d pixel, of that shape), both without a weight: the trainer multiplies by fine_weight or
    * fine_lips_weight and takes the mean over the patches. Called once a patch, by the thread that calls the trainer. A
    * status other than ERN_OK ends the step with it. Where there is a fine stage, ern_trainer_create calls it once, on a
-   * made-up patch; processes that train one model compare the values (ERN_E_MISMATCH). */
+   * made-up patch; processes that train one model compare the values, and so does a resume with its state
+   * (ERN_E_MISMATCH). */
   ern_status (*compute)(void *user, const float *pixel, const float *truth, int side, double *loss, float *dpixel);
   void *user; /* handed to `compute` */
 } ern_fine_loss;

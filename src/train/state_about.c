@@ -2,6 +2,7 @@
 #include "train/state_about.h"
 
 #include <jansson.h>
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -30,11 +31,11 @@ static json_t *settings_json(const ern_train_config *config) {
 ern_status ern_state_about_text(ern_context *context, const struct ern_state_about *about, char **text) {
   const bool fine = about->fine_from != UINT64_MAX;
   *text = NULL;
-  json_t *training =
-      json_pack("{s:o, s:b, s:s, s:s, s:f, s:o*, s:s, s:b}", "settings", settings_json(&about->config), "torso_layer",
-                about->layer, "features", about->features, "fingerprint", about->fingerprint, "seconds_beside",
-                about->beside, "fine_from", fine ? json_integer((json_int_t)about->fine_from) : NULL, "fine_loss",
-                about->fine_loss, "pruned", about->pruned);
+  json_t *training = json_pack(
+      "{s:o, s:b, s:s, s:s, s:f, s:o*, s:s, s:o*, s:b}", "settings", settings_json(&about->config), "torso_layer",
+      about->layer, "features", about->features, "fingerprint", about->fingerprint, "seconds_beside", about->beside,
+      "fine_from", fine ? json_integer((json_int_t)about->fine_from) : NULL, "fine_loss", about->fine_loss,
+      "fine_value", isfinite(about->fine_value) ? json_real(about->fine_value) : NULL, "pruned", about->pruned);
   json_t *root =
       json_pack("{s:b, s:I, s:I, s:f, s:o}", "torso", about->torso, "step", (json_int_t)about->step, "ema_updates",
                 (json_int_t)about->ema_updates, "seconds", about->seconds, "training", training);
@@ -88,10 +89,10 @@ static bool read_settings(json_t *root, ern_train_config *config, const char **w
 /* The name of the first field that is missing, unknown or out of range, in the memory of `root`; NULL: none. The
  * training may depend on what a later version keeps. */
 static const char *read_training(json_t *root, struct ern_state_about *about) {
-  static const char *const known[] = {"settings",       "torso_layer", "features",  "fingerprint",
-                                      "seconds_beside", "fine_from",   "fine_loss", "pruned"};
+  static const char *const known[] = {"settings",  "torso_layer", "features",   "fingerprint", "seconds_beside",
+                                      "fine_from", "fine_loss",   "fine_value", "pruned"};
   const json_t *layer = json_object_get(root, "torso_layer"), *pruned = json_object_get(root, "pruned"),
-               *fine_from = json_object_get(root, "fine_from");
+               *fine_from = json_object_get(root, "fine_from"), *fine_value = json_object_get(root, "fine_value");
   const char *wrong;
   about->has_settings = true;
   if (!read_settings(json_object_get(root, "settings"), &about->config, &wrong))
@@ -105,6 +106,8 @@ static const char *read_training(json_t *root, struct ern_state_about *about) {
   if (fine_from != NULL && !is_step(fine_from)) return "fine_from";
   if (fine_from != NULL) about->fine_from = (uint64_t)json_integer_value(fine_from);
   if (!read_text(json_object_get(root, "fine_loss"), sizeof about->fine_loss, about->fine_loss)) return "fine_loss";
+  if (fine_value != NULL && !json_is_number(fine_value)) return "fine_value";
+  if (fine_value != NULL) about->fine_value = json_number_value(fine_value);
   if (!json_is_boolean(pruned)) return "pruned";
   about->pruned = json_is_true(pruned);
   return ern_json_unknown_member(root, known, sizeof known / sizeof *known);
@@ -122,7 +125,8 @@ ern_status ern_state_about_parse(ern_context *context, const char *text, const c
                                     .step = (uint64_t)json_integer_value(step),
                                     .ema_updates = (uint64_t)json_integer_value(updates),
                                     .config = ern_train_config_default(),
-                                    .fine_from = UINT64_MAX};
+                                    .fine_from = UINT64_MAX,
+                                    .fine_value = NAN};
   if (!json_is_boolean(torso) || !is_step(step) || !is_step(updates) ||
       !read_seconds(json_object_get(root, "seconds"), &about->seconds))
     ERN_TRY(ern_fail(context, ERN_E_FORMAT,

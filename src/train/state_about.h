@@ -17,7 +17,8 @@ struct ern_state_about {
   double beside;           /* seconds spent on validations and saves */
   uint64_t fine_from;      /* UINT64_MAX: no fine stage */
   char fine_loss[32];
-  bool pruned; /* the occupancy bits are pruned */
+  double fine_value; /* of a given fine_loss for a made-up patch; NAN: not known */
+  bool pruned;       /* the occupancy bits are pruned */
 };
 
 /* *text is owned by the caller (ern_release). */

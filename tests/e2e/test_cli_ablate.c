@@ -123,11 +123,11 @@ static void test_resume_keeps_tables(void **state) {
   cli_expect(&cli, 1, "rows/ablation.json", "holds the row trihash-channel", "--overwrite", NULL);
   static const struct {
     const char *more, *words;
-  } others[] = {{"--resume --seeds 2", "is of 1 seeds, and not of 2"},
-                {"--resume --frames 0:2", "is of 1 frames, and not of 2"},
-                {"--resume --rays 16", "is of 32 rays, and not of 16"},
-                {"--resume --lr-net 0.01", "is of 0.001 lr_net, and not of 0.01"},
-                {"--resume --seed 5", "and seed 0, expected 32, 0.001 and 5"}};
+  } others[] = {{"--resume --seeds 2", "has seeds 1, expected 2"},
+                {"--resume --frames 0:2", "has frames 1, expected 2"},
+                {"--resume --rays 16", "has rays 32, expected 16"},
+                {"--resume --lr-net 0.01", "has lr_net 0.001, expected 0.01"},
+                {"--resume --seed 5", "has seed 0, expected 5"}};
   for (size_t i = 0; i < sizeof others / sizeof *others; i++) {
     cli_run(&cli, "ablate %s -o rows --iters 2 --repeats 3 --only trihash-channel --quiet %s%s%s", clip,
             strstr(others[i].more, "rays") == NULL ? "--rays 32 " : "",

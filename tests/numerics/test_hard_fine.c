@@ -163,8 +163,16 @@ static ern_status mean_square(void *user, const float *pixel, const float *truth
   return *(int *)user < 100 ? ERN_OK : ERN_E_CANCELLED;
 }
 
-/* case: a loss of the program's; a resume without it; one that gives up | plain code: a step half taken | here: called
- * once a patch; refused by name; the step ends with its status | bound: exact */
+/* Other weights under the same name. */
+static ern_status twice_mean_square(void *user, const float *pixel, const float *truth, int side, double *loss,
+                                    float *dpixel) {
+  const ern_status status = mean_square(user, pixel, truth, side, loss, dpixel);
+  *loss *= 2;
+  return status;
+}
+
+/* case: a loss of the program's; a resume without it or with other weights; one that gives up | plain code: a step half
+ * taken | here: called once a patch; refused by name; the step ends with its status | bound: exact */
 /* It is called once before, and once a patch of the fine stage alone. A resume needs it again, also before that stage
  * begins; what it returns ends the step. */
 static void test_loss_of_the_program_long(void **state) {
@@ -182,6 +190,9 @@ static void test_loss_of_the_program_long(void **state) {
   ern_trainer *t = NULL;
   support_expect(made.context, ern_trainer_create(&t, made.backend, &made.data, &config), ERN_E_MISMATCH, "fine_loss",
                  "mean square", "ssim", NULL);
+  config.fine_loss = &(ern_fine_loss){"mean square", twice_mean_square, &calls};
+  support_expect(made.context, ern_trainer_create(&t, made.backend, &made.data, &config), ERN_E_MISMATCH,
+                 "fine_resumed.safetensors", "\"mean square\" had", "other weights", NULL);
   config.fine_loss = &loss;
   train_on("fine_resumed.safetensors", true, 8, config);
   expect_same("fine_whole.safetensors", "fine_resumed.safetensors");

@@ -64,7 +64,7 @@ fail:
 
 ern_status ern_trainer_fine_take(struct ern_trainer_fine *f, struct ern_training *t) {
   const ern_fine_loss *given = t->config.fine_loss;
-  *f = (struct ern_trainer_fine){.training = t, .from = UINT64_MAX};
+  *f = (struct ern_trainer_fine){.training = t, .from = UINT64_MAX, .value = NAN};
   if (given == NULL) return ERN_OK;
   if (given->compute == NULL || given->name == NULL || given->name[0] == 0 || strlen(given->name) >= sizeof f->name)
     return ern_fail(t->context, ERN_E_ARGUMENT, "train: fine_loss has no function, or no name of 1 to %zu bytes",
@@ -76,9 +76,15 @@ ern_status ern_trainer_fine_take(struct ern_trainer_fine *f, struct ern_training
   return ERN_OK;
 }
 
-/* Processes whose values of the loss differ by more than rounding have other weights. */
-static ern_status compare_loss(const struct ern_training *t, double value) {
+/* Values of the loss that differ by more than rounding are those of other weights. */
+static ern_status compare_loss(const struct ern_trainer_fine *f, double value) {
+  const struct ern_training *t = f->training;
   double first = value;
+  if (!isnan(f->value) && !(fabs(value - f->value) <= 1e-3 * fabs(f->value)))
+    return ern_fail(t->context, ERN_E_MISMATCH,
+                    "%s: the state's fine_loss \"%s\" had %g for a made-up patch; it has %g now, expected the same: "
+                    "other weights?",
+                    t->config.output, f->name, f->value, value);
   if (t->communicator.size <= 1) return ERN_OK;
   const ern_status status = ern_trainer_broadcast(t, &first, sizeof first);
   if (status != ERN_OK || fabs(value - first) <= 1e-3 * fabs(first)) return status;
@@ -89,7 +95,8 @@ static ern_status compare_loss(const struct ern_training *t, double value) {
 }
 
 /* Calls the loss on a made-up patch, so that its errors are reported before the training, not at its fine stage. */
-static ern_status try_loss(const struct ern_training *t) {
+static ern_status try_loss(struct ern_trainer_fine *f) {
+  const struct ern_training *t = f->training;
   const ern_fine_loss *loss = t->config.fine_loss;
   const size_t count = 3 * patch_rays(t);
   float *pixel = NULL, *truth, *dpixel;
@@ -101,7 +108,8 @@ static ern_status try_loss(const struct ern_training *t) {
   dpixel = truth + count;
   for (size_t i = 0; i < count; i++) truth[i] = (float)(i % 7) / 6;
   ERN_TRY(ern_fine_loss_compute(t->context, loss, pixel, truth, t->config.patch_size, &value, dpixel));
-  ERN_TRY(compare_loss(t, value));
+  ERN_TRY(compare_loss(f, value));
+  f->value = value;
 fail:
   ern_release(t->context, pixel);
   return status;
@@ -125,7 +133,7 @@ ern_status ern_trainer_fine_begin(struct ern_trainer_fine *f) {
     f->from = iters - steps;
   if (f->from == UINT64_MAX && !timed) return ERN_OK;
   ern_status status = check(t);
-  if (status == ERN_OK) status = try_loss(t);
+  if (status == ERN_OK) status = try_loss(f);
   return status == ERN_OK ? make_filter(f) : status;
 }
 

@@ -12,6 +12,7 @@ struct ern_trainer_fine {
   struct ern_buffer *filter; /* of patches_ops.h; NULL without a fine stage */
   ern_fine_loss loss;        /* a copy of *config.fine_loss */
   char name[32];             /* and its name */
+  double value;              /* of the loss for a made-up patch; NAN: not known */
 };
 
 /* Checks training->config.fine_loss, which then points to a copy. */
@@ -21,7 +22,7 @@ static inline const char *ern_trainer_fine_name(const struct ern_training *t) {
 }
 /* Whether the next step belongs to the fine stage. */
 static inline bool ern_trainer_is_fine(const struct ern_trainer_fine *f) { return f->training->step >= f->from; }
-/* Decides when the fine stage begins. fine->from: its beginning in a resumed state. */
+/* Decides when the fine stage begins. fine->from, fine->value: those of a resumed state. */
 ERN_NODISCARD ern_status ern_trainer_fine_begin(struct ern_trainer_fine *fine);
 /* Steps before the fine stage, all steps where there is none; with config.seconds an estimate from the pace so far. */
 uint64_t ern_trainer_coarse_steps(const struct ern_trainer_fine *fine);

@@ -117,6 +117,7 @@ static void describe(const struct ern_trainer_state *state, struct ern_state_abo
                                     .layer = t->data.has_torso,
                                     .beside = t->beside,
                                     .fine_from = state->fine->from,
+                                    .fine_value = state->fine->value,
                                     .pruned = state->occupancy->pruned};
   about->config.precision = t->bf16 ? ERN_PRECISION_BF16 : ERN_PRECISION_FP32;
   about->config.refine_poses = state->poses != NULL;
@@ -445,6 +446,7 @@ ern_status ern_trainer_resume(struct ern_trainer_state *state, bool *resumed) {
   ERN_TRY(take_state(state, &best.file, best.path, &best.about, best.model));
   ern_trainer_keep_consent(t, best.model);
   state->fine->from = best.about.fine_from;
+  if (best.about.config.patch_size == t->config.patch_size) state->fine->value = best.about.fine_value;
   state->occupancy->pruned = best.about.pruned;
   ERN_TRY(ern_run_folder_trim(t->context, &state->run, t->step));
   state->run.fresh = false;

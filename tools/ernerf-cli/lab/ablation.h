@@ -45,6 +45,7 @@ struct ablation {
   const char *clip;
   int width, height, rays, threads;
   float lr_net;  /* learning rate of the networks */
+  uint64_t seed; /* of the first training of each row; the next one has one more */
   size_t frames; /* evaluated frames */
   uint64_t iters;
   const char *backend, *isa;

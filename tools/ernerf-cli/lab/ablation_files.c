@@ -78,10 +78,10 @@ static json_t *collisions_json(const ern_bench_collision_table *table) {
 json_t *ablation_json(const struct ablation *ablation) {
   json_t *rows = json_array();
   for (size_t i = 0; i < ablation->rows; i++) json_array_append_new(rows, row_json(&ablation->row[i]));
-  return json_pack("{s:o, s:i, s:i, s:I, s:I, s:i, s:o, s:s, s:s, s:s, s:i, s:o, s:o}", "clip",
+  return json_pack("{s:o, s:i, s:i, s:I, s:I, s:i, s:o, s:I, s:s, s:s, s:s, s:i, s:o, s:o}", "clip",
                    session_text(ablation->clip), "width", ablation->width, "height", ablation->height, "frames",
                    (json_int_t)ablation->frames, "iters", (json_int_t)ablation->iters, "rays", ablation->rays, "lr_net",
-                   session_number((double)ablation->lr_net), "processor", ablation->processor, "backend",
+                   session_number((double)ablation->lr_net), "seed", (json_int_t)ablation->seed, "processor", ablation->processor, "backend",
                    ablation->backend, "isa", ablation->isa, "threads", ablation->threads, "rows", rows, "collisions",
                    ablation->counted ? collisions_json(&ablation->collisions) : json_null());
 }
@@ -211,11 +211,12 @@ static int check_terms(const struct ablation *ablation, struct session *session,
   } terms[] = {{"frames", json_number_value(json_object_get(root, "frames")), (double)ablation->frames},
                {"rays", json_number_value(json_object_get(root, "rays")), ablation->rays},
                {"lr_net", (double)(float)json_number_value(json_object_get(root, "lr_net")), (double)ablation->lr_net},
+               {"seed", (double)json_integer_value(json_object_get(root, "seed")), (double)ablation->seed},
                {"seeds", (double)json_array_size(json_object_get(psnr, "seeds")), (double)ablation->row[0].seeds}};
   for (size_t i = 0; i < sizeof terms / sizeof *terms; i++)
     if (terms[i].found != terms[i].expected)
-      return session_fail_with(session, "%s: is of %g %s, and not of %g; --overwrite (-y) replaces the tables", path,
-                               terms[i].found, terms[i].name, terms[i].expected);
+      return session_fail_with(session, "%s: has %s %g, expected %g; --overwrite (-y) replaces the tables", path,
+                               terms[i].name, terms[i].found, terms[i].expected);
   return 0;
 }
 

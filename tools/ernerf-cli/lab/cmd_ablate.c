@@ -160,6 +160,7 @@ static int open_all(struct ablate_job *job, const struct args *args) {
   result->height = job->evaluation.info.height;
   result->rays = job->rays;
   result->lr_net = job->lr_net;
+  result->seed = job->session.seed;
   result->iters = job->iters;
   result->frames = job->evaluation.frame_source.count;
   if (job->resume && !session->overwrite && ablation_check_earlier(result, session, job->folder) != 0)
