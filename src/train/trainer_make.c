@@ -164,6 +164,9 @@ static ern_status check_head(const struct ern_training *t, const ern_model *head
   /* The torso's own shrink is chosen again. */
   const ern_status status = ern_trainer_check_view(t, "the head", &head->view, false, true);
   if (status != ERN_OK) return status;
+  if (head->dub)
+    ern_log(t->context, ERN_LOG_WARNING,
+            "train: the head was trained for `ernerf dub`, which shows no torso; outside the lower face it is blurred");
   if (head->clip[0] == 0)
     ern_log(t->context, ERN_LOG_WARNING, "train: the head's file does not say which clip it is of");
   if (ern_trainer_is_foreign(t, head)) {

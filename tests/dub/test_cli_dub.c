@@ -78,7 +78,7 @@ static void test_dub(void **state) {
   ern_context_free(&context);
 }
 
-/* A head for dubbing says so; what renders it warns; it is no head of a portrait. */
+/* A head for dubbing says so; what renders it or trains a torso for it warns; it is no head of a portrait. */
 static void test_for_dub(void **state) {
   (void)state;
   cli_run(&cli,
@@ -93,6 +93,8 @@ static void test_for_dub(void **state) {
   cli_run(&cli, "dub for.safetensors clip.mp4 --clip clip --audio clip/aud.wav -o for.mp4 --frames 0:1");
   cli_expect(&cli, 0, NULL);
   assert_null(strstr(cli.err, "blurred"));
+  cli_run(&cli, "train clip -o t.safetensors --torso --head for.safetensors --iters 1 --rays 64 --validate-frames 1");
+  cli_expect(&cli, 0, "the head was trained for `ernerf dub`", NULL);
   cli_run(&cli, "train clip -o for.safetensors --for dub --time 10s --torso-shrink 0.7");
   cli_expect(&cli, 2, "--torso-shrink is about the torso, which --for dub lacks", NULL);
   cli_run(&cli, "train clip -o for.safetensors --for dub --set ray-sampling=uniform");

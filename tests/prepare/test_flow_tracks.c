@@ -51,7 +51,7 @@ static void test_followed(void **state) {
   const float(*points)[2] = NULL;
   static float seen[4096][2];
   draw(first, none);
-  support_ok(context, ern_flow_reference_make(context, first, SIDE, middle, keep_left, &edge, &reference));
+  support_ok(context, ern_flow_reference_make(context, "clip", first, SIDE, middle, keep_left, &edge, &reference));
   const size_t count = ern_flow_reference_points(reference, &points);
   assert_in_range(count, 200, 4096);
   for (size_t i = 0; i < count; i++)
@@ -97,20 +97,20 @@ static void test_nothing(void **state) {
   draw(first, none);
   for (size_t i = 0; i < sizeof levels / sizeof *levels; i++) {
     memset(other, levels[i], sizeof other);
-    support_ok(context, ern_flow_reference_make(context, other, SIDE, middle, keep_left, &edge, &reference));
+    support_ok(context, ern_flow_reference_make(context, "clip", other, SIDE, middle, keep_left, &edge, &reference));
     assert_int_equal(ern_flow_reference_points(reference, &points), 0);
     support_ok(context, ern_flow_reference_find(reference, first, warp, seen));
     assert_true(warp[0] == 1 && warp[1] == 0 && warp[2] == 5 && warp[3] == 6);
     ern_flow_reference_free(&reference);
   }
   const float nowhere = -1; /* nothing is wanted */
-  support_ok(context, ern_flow_reference_make(context, first, SIDE, middle, keep_left, &nowhere, &reference));
+  support_ok(context, ern_flow_reference_make(context, "clip", first, SIDE, middle, keep_left, &nowhere, &reference));
   assert_int_equal(ern_flow_reference_points(reference, &points), 0);
   ern_flow_reference_free(&reference);
   /* warps that lead nowhere */
   const double bad[][4] = {{NAN, 0, 0, 0},  {1, 0, NAN, 0},   {0, 0, 0, 0},
                            {1e30, 0, 0, 0}, {1, 0, 1e9, 1e9}, {1, 0, -INFINITY, 0}};
-  support_ok(context, ern_flow_reference_make(context, first, SIDE, middle, keep_left, &edge, &reference));
+  support_ok(context, ern_flow_reference_make(context, "clip", first, SIDE, middle, keep_left, &edge, &reference));
   for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
     memcpy(warp, bad[i], sizeof warp);
     const ern_status status = ern_flow_reference_find(reference, first, warp, seen);
@@ -137,9 +137,9 @@ static void test_regions(void **state) {
     const float wide = 1e9f, (*points)[2] = NULL;
     double warp[4] = {1, 0, 0, 0};
     const ern_status status =
-        ern_flow_reference_make(context, first, SIDE, regions[i].region, keep_left, &wide, &reference);
+        ern_flow_reference_make(context, "clip", first, SIDE, regions[i].region, keep_left, &wide, &reference);
     if (!regions[i].fine) {
-      support_expect(context, status, ERN_E_SHAPE, "region", "at least 32", NULL);
+      support_expect(context, status, ERN_E_SHAPE, "clip: ", "region", "at least 32", NULL);
     } else {
       support_ok(context, status);
       assert_in_range(ern_flow_reference_points(reference, &points), 1, 4096);

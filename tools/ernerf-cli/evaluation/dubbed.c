@@ -53,7 +53,7 @@ static float distance_to(const float p[2], const float a[2], const float b[2]) {
 }
 
 static bool in_band(const ern_clip_frame *frame, float most, int x, int y) {
-  const float p[2] = {(float)x, (float)y};
+  const float p[2] = {(float)x + 0.5F, (float)y + 0.5F}; /* the pixel's centre */
   for (int i = JAW_BEGIN; i < JAW_END; i++)
     if (distance_to(p, frame->landmarks[i], frame->landmarks[i + 1]) <= most) return true;
   return false;
