@@ -141,7 +141,8 @@ typedef struct ern_context_config {
    * returns at least `bytes` (> 0) bytes aligned to `alignment` (a power of two), or NULL. */
   void *(*allocate)(void *user, size_t bytes, size_t alignment);
   void (*release)(void *user, void *memory); /* never gets NULL */
-  /* Receives one line without a newline; NULL: silence. May be called from several threads at a time. */
+  /* Receives one line without control characters: those of a file's name or content are spaces in it. NULL: silence.
+   * May be called from several threads at a time. */
   void (*log)(void *user, ern_log_level level, const char *line);
   void *user;      /* handed to the hooks */
   bool keep_files; /* true: a function that writes a file fails with ERN_E_EXISTS where a file of that name exists;
@@ -163,9 +164,9 @@ ERN_API ERN_NODISCARD ern_status ern_context_create(ern_context **context, const
 /* Frees and sets *context to NULL; accepts NULL and a pointer to NULL. */
 ERN_API void ern_context_free(ern_context **context);
 
-/* What went wrong last, as a sentence that names the file, the field, what was found and what was expected; "" when
- * nothing did, and for NULL. Valid until the next failing call on the context, in any thread: a program whose threads
- * share a context calls ern_last_error_copy. */
+/* What went wrong last, as a sentence that names the file, the field, what was found and what was expected, without
+ * control characters as a line of the log; "" when nothing did, and for NULL. Valid until the next failing call on the
+ * context, in any thread: a program whose threads share a context calls ern_last_error_copy. */
 ERN_API const char *ern_last_error(const ern_context *context);
 
 /* Copies that sentence, with its end cut off where it does not fit, and a 0 behind it, into text[bytes]. Returns its

@@ -28,9 +28,9 @@ typedef enum ern_fit {
   ERN_FIT_COVER = 1    /* the frame fills the picture; what lies outside is cut off, as much on either side */
 } ern_fit;
 
-/* Where a frame of from_width x from_height lies in a picture of width x height, in pixels; all sides >= 1, else the
- * box is all zeros. With ERN_FIT_COVER it may reach beyond the picture. It is in the middle, at whole pixels; where
- * both its sides differ from the picture's by less than a pixel, the box is the whole picture. */
+/* Where a frame of from_width x from_height lies in a picture of width x height, in pixels; all sides 1 to 1e9; where
+ * one is below 1 the box is all zeros. With ERN_FIT_COVER it may reach beyond the picture. It is in the middle, at
+ * whole pixels; where both its sides differ from the picture's by less than a pixel, the box is the whole picture. */
 ERN_API ern_box ern_fit_box(int from_width, int from_height, int width, int height, ern_fit fit);
 
 /* A pinhole camera in the renderer's coordinate system: x up, y out of the face toward the camera, z to the right

@@ -24,12 +24,22 @@ const char *ern_last_error(const ern_context *context) { return context != NULL 
 
 bool ern_keeps_files(const ern_context *context) { return context != NULL && context->config.keep_files; }
 
+/* A name in a file may hold anything: control characters, which a terminal would interpret, become spaces. */
+static void format_line(char line[ERN_ERROR_BYTES], const char *format, va_list arguments) {
+  ern_format_list(line, ERN_ERROR_BYTES, format, arguments);
+  for (unsigned char *at = (unsigned char *)line; *at != 0; at++) {
+    const bool second = at[0] == 0xc2 && at[1] >= 0x80 && at[1] < 0xa0; /* U+0080 to U+009F */
+    if (second) *at++ = ' ';
+    if (second || *at < 0x20 || *at == 0x7f) *at = ' ';
+  }
+}
+
 ern_status ern_fail(ern_context *context, ern_status code, const char *format, ...) {
   if (context == NULL) return code;
   char text[ERN_ERROR_BYTES];
   va_list arguments;
   va_start(arguments, format);
-  ern_format_list(text, sizeof text, format, arguments);
+  format_line(text, format, arguments);
   va_end(arguments);
   pthread_mutex_lock(&context->mutex);
   memcpy(context->error_text, text, sizeof text);
@@ -54,7 +64,7 @@ void ern_log(ern_context *context, ern_log_level level, const char *format, ...)
   char text[ERN_ERROR_BYTES];
   va_list arguments;
   va_start(arguments, format);
-  ern_format_list(text, sizeof text, format, arguments);
+  format_line(text, format, arguments);
   va_end(arguments);
   context->config.log(context->config.user, level, text);
 }

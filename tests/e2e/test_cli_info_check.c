@@ -92,6 +92,21 @@ static void test_devices(void **state) {
   json_decref(object);
 }
 
+/* A file of tensors whose name has control characters, which a terminal would obey; JSON has the name as it is. */
+static void test_name_of_tensor(void **state) {
+  (void)state;
+  static const char header[] = "{\"a\\u001b[31m\\nb\":{\"dtype\":\"U8\",\"shape\":[1],\"data_offsets\":[0,1]}}";
+  char file[8 + sizeof header] = {(char)(sizeof header - 1)};
+  memcpy(file + 8, header, sizeof header);
+  support_write("name.safetensors", file, sizeof file);
+  cli_run(&cli, "info name.safetensors");
+  cli_expect_out(&cli, 0, "tensors of another program", "  a [31m b  ", NULL);
+  cli_run(&cli, "info name.safetensors --json");
+  json_t *object = cli_json(&cli, NULL);
+  assert_non_null(find(json_object_get(object, "tensors"), "name", "a\033[31m\nb"));
+  json_decref(object);
+}
+
 static void test_model(void **state) {
   (void)state;
   cli_run(&cli, "info m.safetensors");
@@ -266,8 +281,9 @@ static void test_tiny(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_devices), cmocka_unit_test(test_model),
-                                     cmocka_unit_test(test_files),   cmocka_unit_test(test_shared),
-                                     cmocka_unit_test(test_check),   cmocka_unit_test(test_tiny)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_devices), cmocka_unit_test(test_name_of_tensor),
+                                     cmocka_unit_test(test_model),   cmocka_unit_test(test_files),
+                                     cmocka_unit_test(test_shared),  cmocka_unit_test(test_check),
+                                     cmocka_unit_test(test_tiny)};
   return cmocka_run_group_tests(tests, make_clip, NULL);
 }

@@ -58,8 +58,32 @@ static void test_cut_to_the_room(void **state) {
   ern_context_free(&context);
 }
 
+static void keep_line(void *user, ern_log_level level, const char *line) {
+  (void)level;
+  assert_true(strlen(line) < 64);
+  strcpy(user, line);
+}
+
+/* What a file holds is in the text: a terminal would interpret it, and the log has lines. */
+static void test_control_characters_are_spaces(void **state) {
+  (void)state;
+  char line[64] = "";
+  ern_context *context = NULL;
+  ern_context_config config = ern_context_config_default();
+  config.log = keep_line;
+  config.user = line;
+  assert_int_equal(ern_context_create(&context, &config), ERN_OK);
+  (void)ern_fail(context, ERN_E_FORMAT, "%s: knows no %s", "a.json", "x\033[31m\n\xc2\x9bZ\x7f\xc3\xa9\xc2\xa0");
+  assert_string_equal(ern_last_error(context), "a.json: knows no x [31m   Z \xc3\xa9\xc2\xa0");
+  assert_string_equal(line, ern_last_error(context));
+  ern_log(context, ERN_LOG_WARNING, "%s\xc2", "tab\there");
+  assert_string_equal(line, "tab here\xc2");
+  ern_context_free(&context);
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_threads_copy_whole_sentences),
+                                     cmocka_unit_test(test_control_characters_are_spaces),
                                      cmocka_unit_test(test_cut_to_the_room)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -47,6 +47,14 @@ void bytes_print(struct bytes *bytes, const char *format, ...) {
   va_end(values);
 }
 
+void bytes_plain(char *text) {
+  for (unsigned char *at = (unsigned char *)text; *at != 0; at++) {
+    const bool second = at[0] == 0xc2 && at[1] >= 0x80 && at[1] < 0xa0; /* U+0080 to U+009F */
+    if (second) *at++ = ' ';
+    if (second || *at < 0x20 || *at == 0x7f) *at = ' ';
+  }
+}
+
 /* Bytes of the UTF-8 character at `text`, 0 where it is none (RFC 3629: no overlong form, surrogate or end of text). */
 static size_t utf8_bytes(const unsigned char *text) {
   const unsigned char a = text[0], b = a != 0 ? text[1] : 0;

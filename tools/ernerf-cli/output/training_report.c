@@ -149,8 +149,8 @@ static void add_table(const struct training_study *study, struct bytes *text) {
               "The mouth's motion is explained by 1 where the rendered mouth moves as the recorded one; -: not known "
               "without\n"
               "landmarks of three validation frames in which it moves. As published: ray_sampling uniform, and a\n"
-              "refresh of the whole occupancy grid every 16 steps. As train --time: small steps, the average of the "
-              "weights, pruning, refined poses.\n\n"
+              "refresh of the whole occupancy grid every 16 steps. As train --time: small steps, pruning, and from 400 "
+              "steps on the average of the weights.\n\n"
               "| training | steps | steps/s | PSNR at the end, dB | mouth's motion explained at the end |",
               study->clip, study->seconds, study->seeds, study->seeds == 1 ? "" : "s", study->frames,
               study->frames == 1 ? "" : "s", study->processor, study->cores);

@@ -73,6 +73,7 @@ void session_seed_options(struct session *session, struct option options[SESSION
 static void say(struct session *session, const char *before, const char *format, va_list values) {
   char text[4096];
   vsnprintf(text, sizeof text, format, values);
+  bytes_plain(text); /* the kind of a model's speech may be anything */
   fprintf(stderr, "%s%s%s\n", session->line_open ? "\n" : "", before, text);
   session->line_open = false;
 }

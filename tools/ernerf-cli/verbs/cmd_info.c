@@ -120,9 +120,10 @@ static void print_tensors(json_t *list) {
   json_t *tensor;
   printf("tensors:\n");
   json_array_foreach(list, index, tensor) {
-    char *shape = json_dumps(json_object_get(tensor, "shape"), 0);
-    printf("  %-44s %-4s %s\n", json_string_value(json_object_get(tensor, "name")),
-           json_string_value(json_object_get(tensor, "dtype")), shape != NULL ? shape : "");
+    char *shape = json_dumps(json_object_get(tensor, "shape"), 0), name[512];
+    snprintf(name, sizeof name, "%s", json_string_value(json_object_get(tensor, "name")));
+    bytes_plain(name);
+    printf("  %-44s %-4s %s\n", name, json_string_value(json_object_get(tensor, "dtype")), shape != NULL ? shape : "");
     free(shape);
   }
 }
@@ -160,17 +161,6 @@ static void print_state(const struct tensor_list *tensors, json_t *uses) {
   printf("\n");
 }
 
-/* The text may hold anything: control characters, which a terminal would interpret, are printed as spaces. */
-static void print_consent(const char *text) {
-  printf("  consent          %s", text[0] != 0 ? "" : "not said");
-  for (const unsigned char *at = (const unsigned char *)text; *at != 0; at++) {
-    const bool second = at[0] == 0xc2 && at[1] >= 0x80 && at[1] < 0xa0; /* U+0080 to U+009F */
-    putchar(second || *at < 0x20 || *at == 0x7f ? ' ' : *at);
-    at += second;
-  }
-  putchar('\n');
-}
-
 /* Whether the voice moves only what is below a height. */
 static bool fades(const ern_model_info *info) { return info->voice_fade[1] > info->voice_fade[0]; }
 static json_t *fade_json(const ern_model_info *info) {
@@ -179,7 +169,12 @@ static json_t *fade_json(const ern_model_info *info) {
 
 static void print_model(const char *path, const char *kind, const ern_model_info *info, json_t *effects) {
   char *list = json_dumps(effects, 0), wanted[192];
+  ern_model_info said = *info; /* its texts may hold anything */
   speech_model_wanted(info, wanted);
+  bytes_plain(wanted);
+  bytes_plain(said.speech);
+  bytes_plain(said.clip);
+  bytes_plain(said.consent);
   printf("%s: %s\n", path, kind);
   printf("  steps            head %" PRIu64 ", torso %" PRIu64 "\n", info->head_steps, info->torso_steps);
   printf("  backbone         %s\n", ern_backbone_name(info->backbone));
@@ -188,7 +183,7 @@ static void print_model(const char *path, const char *kind, const ern_model_info
   if (info->levels > 1) printf("  levels           %d\n", info->levels);
   printf("  features         %d wide", info->feature_width);
   if (info->window_length > 0) printf(", %d to a window", info->window_length);
-  if (info->speech[0] != 0) printf(", %s", info->speech);
+  if (said.speech[0] != 0) printf(", %s", said.speech);
   printf("%s\n", wanted);
   printf("  effects          %s\n", list != NULL ? list : "");
   printf("  codes            %d\n", info->codes);
@@ -201,8 +196,8 @@ static void print_model(const char *path, const char *kind, const ern_model_info
            (double)info->voice_fade[1]);
   if (info->cameras > 0) printf("  poses            corrected for %zu training frames\n", info->cameras);
   printf("  trained numbers  %zu, %zu bytes\n", info->parameters, info->parameter_bytes);
-  printf("  clip             %s\n", info->clip[0] != 0 ? info->clip : "not said");
-  print_consent(info->consent);
+  printf("  clip             %s\n", said.clip[0] != 0 ? said.clip : "not said");
+  printf("  consent          %s\n", said.consent[0] != 0 ? said.consent : "not said");
   free(list);
 }
 
