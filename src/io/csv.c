@@ -96,11 +96,14 @@ struct columns {
   size_t count;
   int places[ERN_CSV_COLUMNS + 1]; /* of the names, then of the column `frame`, which may be -1 */
   int last;                        /* the greatest of them */
+  int all;                         /* number of cells of the header */
 };
 
 static ern_status find_columns(ern_context *context, const char *path, struct piece header, struct columns *columns) {
   char listed[LISTED_BYTES];
+  struct piece rest = header, cell;
   columns->last = -1;
+  for (columns->all = 0; take_cell(&rest, &cell);) columns->all++;
   for (size_t k = 0; k <= columns->count; k++) {
     const char *name = k < columns->count ? columns->names[k] : "frame";
     const int place = find_column(header, name, listed);
@@ -134,6 +137,12 @@ static ern_status read_row(ern_context *context, const char *path, const struct 
     else
       ERN_TRY(check_frame(context, path, row + 2, value, frame));
   }
+  for (struct piece cell; take_cell(&line, &cell); count++)
+    if (count >= columns->all && cell.begin < cell.end)
+      ERN_TRY(ern_fail(context, ERN_E_FORMAT,
+                       "%s: line %zu has more cells than the %d of the header, as where numbers are written with a "
+                       "decimal comma; expected a decimal point",
+                       path, row + 2, columns->all));
 fail:
   return status;
 }

@@ -24,6 +24,7 @@ static void test_good(void **state) {
   expect_column(context, "AU45_r,frame\r\n0.5,1\r\n0,2\r\n3.25,3\r\n\r\n \r\n", 3, expected);
   expect_column(context, "\xef\xbb\xbf\"AU45_r\" ,\"a,b\"\n\"0.5\",\"x,y\"\n 0.0 ,1\n+3.25,", 3, expected);
   expect_column(context, "AU45_c,xAU45_r,\t AU45_r\t,AU45_rr\n9,9,.5,9\n9,9,0e0,9\n9,9,325e-2,9", 3, expected);
+  expect_column(context, "frame, AU45_r\n1, 0.5,\n2, 0, ,\n3, 3.25\n", 3, expected);
   expect_column(context, "frame, AU45_r\n", 0, NULL);
   expect_column(context, "AU45_r", 0, NULL);
   ern_context_free(&context);
@@ -49,6 +50,8 @@ static void test_bad(void **state) {
                {"frame, AU45_r\n1, 0x10\n", ERN_E_FORMAT, {"line 2", "\"0x10\""}},
                {"frame, AU45_r\n1,\n", ERN_E_FORMAT, {"line 2", "is \"\", expected a finite number"}},
                {"frame, AU45_r\n1\n", ERN_E_FORMAT, {"line 2 has 1 cells", "column AU45_r is missing"}},
+               {"frame, AU45_r\n1, 1.5\n2, 1,5\n", ERN_E_FORMAT, {"line 3 has more cells than the 2", "comma"}},
+               {"AU45_r, x\n1,5,2,5\n", ERN_E_FORMAT, {"line 2 has more cells than the 2", "comma"}},
                {"frame, AU45_r\n4, 1\n6, 1\n", ERN_E_FORMAT, {"line 3, column frame is 6", "expected 5"}},
                {"AU45_r,frame\n1,0\n1,1\n1,1\n", ERN_E_FORMAT, {"line 4, column frame is 1", "expected 2"}},
                {"frame, AU45_r\n1, 1\n\n2, 1\n", ERN_E_FORMAT, {"line 3", "column AU45_r"}}};

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * Landmarks without a network: a jaw that opens wide is followed; a mouth that is drawn sideways is noticed. */
+ * Landmarks without a network: a jaw that opens wide is followed; a mouth that is drawn sideways is noticed, and a hand
+ * before the chin. */
 #include "ernerf/media.h"
 #include "io/landmarks.h"
 #include "prepare_test.h"
@@ -9,9 +10,10 @@ enum { SIDE = 256, FRAMES = 22 };
 static const double depth = 0.75; /* metres */
 
 /* The mouth opens by `widest` metres until the frame `open`, and closes. In frames 12 to 17 it is drawn sideways by
- * `drawn` metres. */
+ * `drawn` metres. In the last `hidden` frames a hand is before the chin. */
 struct speech {
   double widest, open, drawn;
+  size_t hidden;
 };
 
 /* Metres by which the jaw is lowered: nothing five frames before and after `open`, all in three frames. */
@@ -37,6 +39,8 @@ static void colour_at(uint8_t *pixel, const double at[3], size_t frame, const st
   const double aside = at[0] - (frame >= 12 && frame < 18 ? speech->drawn : 0), down = ERN_HEAD_EYES_Y - at[1];
   memset(pixel, (int)grey_at(aside, down, opening_at(speech, frame)), 3);
   for (int c = 1; c < 3; c++) pixel[c] = (uint8_t)(pixel[c] * (1 - 0.25 * lips_at(aside, down)));
+  if (frame + speech->hidden >= FRAMES && down > 0.06 && fabs(aside) < 0.03)
+    memset(pixel, 130 + 30 * ((int)(down / 0.012) % 2), 3); /* fingers */
 }
 
 static void write_clip(struct made_job *m, const struct speech *speech) {
@@ -121,7 +125,22 @@ static void test_sideways(void **state) {
   }
 }
 
+/* A hand before the chin in 3 of the 22 frames is told. */
+static void test_hidden(void **state) {
+  (void)state;
+  const struct speech speech = {.widest = 0.022, .open = 6, .hidden = 3};
+  struct made_job m;
+  write_clip(&m, &speech);
+  support_ok(m.job.context, ern_prepare_landmarks(&m.job));
+  if (m.verdict.grade != ERN_PREPARE_DOUBTFUL || !(fabs(figure(&m, "chin_hidden") - 3.0 / FRAMES) < 1e-9) ||
+      strstr(m.verdict.words, "the chin looks otherwise in 3 of 22 frames, the first is 19,") == NULL)
+    fail_msg("a hand: grade %d, \"%s\", chin_hidden %g", (int)m.verdict.grade, m.verdict.words,
+             figure(&m, "chin_hidden"));
+  made_job_close(&m);
+}
+
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_wide), cmocka_unit_test(test_sideways)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_wide), cmocka_unit_test(test_sideways),
+                                     cmocka_unit_test(test_hidden)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -240,6 +240,8 @@ static void test_supplied(void **state) {
   support_ok(t->context, ern_image_write(t->context, "brought/0.png", &image, 100));
   support_ok(t->context, ern_image_write(t->context, "brought/9.png", &image, 100));
   support_ok(t->context, run_layers(&run, t->context, FRAMES));
+  if (strstr(run.verdict.words, "in 2 of 22 frames, the first is 0, the person takes 0 % of the picture") == NULL)
+    fail_msg("%s", run.verdict.words);
   for (int f = 0; f < 10; f += 9) {
     ern_image parsing = picture(t->context, name_of("clip", "parsing/%d.png", f), 3);
     for (int k = 0; k < pixels; k++) assert_false(is_person(parsing.data + 3 * k));
@@ -328,6 +330,16 @@ static void move_camera(ern_image *image, int frame) {
   }
 }
 
+/* Another place in each frame, of blocks in greys from 60 to 187. */
+static void change_place(ern_image *image, int frame) {
+  for (int y = 0; y < side; y++)
+    for (int x = 0; x < side; x++) {
+      unsigned block = (unsigned)(x / 8 + 64 * (y / 8) + 4096 * frame) * 2654435761u;
+      block = (block ^ block >> 15) * 2246822519u; /* else a frame is the one before it, shifted */
+      memset(image->data + 3 * (y * side + x), (int)(60 + (block >> 20) % 128), 3);
+    }
+}
+
 /* What the step says of frames that `change` has changed. */
 static void run_changed(const struct truth *t, struct run *run, void (*change)(ern_image *image, int frame)) {
   uint8_t *kept[FRAMES];
@@ -360,6 +372,17 @@ static void test_camera(void **state) {
   if (told == NULL || sscanf(told, "what is behind the person shifts by %lf pixels of 512", &shift) != 1)
     fail_msg("%s", run.verdict.words);
   if (!(fabs(shift - 8) < 1)) fail_msg("%s", run.verdict.words); /* a quarter of a pixel of 128 */
+}
+
+/* A background that is another one in each frame does not pass for noise. */
+static void test_changing_place(void **state) {
+  struct truth *t = *state;
+  struct run run = {.options = ern_prepare_options_default()};
+  run.options.masks = "person";
+  run.options.head_only = true;
+  write_masks(t, "person", true);
+  run_changed(t, &run, change_place);
+  if (strstr(run.verdict.words, "the background changes: ") == NULL) fail_msg("%s", run.verdict.words);
 }
 
 /* Text that runs through the picture is named, and where it does so. */
@@ -451,10 +474,11 @@ static void test_nothing_long(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_truth),    cmocka_unit_test(test_no_shoulders_long),
-                                     cmocka_unit_test(test_supplied), cmocka_unit_test(test_background),
-                                     cmocka_unit_test(test_camera),   cmocka_unit_test(test_banner_long),
-                                     cmocka_unit_test(test_cancel),   cmocka_unit_test(test_cluttered_long),
-                                     cmocka_unit_test(test_key_long), cmocka_unit_test(test_nothing_long)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_truth),          cmocka_unit_test(test_no_shoulders_long),
+                                     cmocka_unit_test(test_supplied),       cmocka_unit_test(test_background),
+                                     cmocka_unit_test(test_camera),         cmocka_unit_test(test_banner_long),
+                                     cmocka_unit_test(test_changing_place), cmocka_unit_test(test_cancel),
+                                     cmocka_unit_test(test_cluttered_long), cmocka_unit_test(test_key_long),
+                                     cmocka_unit_test(test_nothing_long)};
   return cmocka_run_group_tests(tests, make_truth, free_truth);
 }

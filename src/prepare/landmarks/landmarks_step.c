@@ -3,6 +3,7 @@
  * cascades found and to the mouth, where the stabilised face changes most; jaw and lower lip follow the chin. */
 #include <math.h>
 #include <stdio.h>
+#include <stdlib.h>
 
 #include "core/format.h"
 #include "io/file.h"
@@ -18,6 +19,10 @@ enum { LOOKS = 240, CHIN_LOOKS = 60, LOWER_COLUMNS = 61, LOWER_ROWS = 76, CHIN_C
 static const double lower_step = 0.001, chin_step = 0.0006; /* metres */
 static const float most_drop = 0.03f;                       /* of the jaw, metres */
 static const double most_opening = 25;                      /* millimetres; of fifteen people 8 to 19 */
+/* How much a chin differs from that at rest, relative to the median over the frames (fourteen people: 3.4 at most, a
+ * hand: 7), and the share of the frames that may differ more. */
+static const float most_unlike = 4;
+static const double most_hidden = 0.02;
 
 struct fit {
   struct ern_prepare_job *job;
@@ -231,6 +236,34 @@ fail:
   return status;
 }
 
+/* Grey levels by which the face from 6 mm below the mouth's line on differs from that at rest. crop: the chin where it
+ * was found. */
+static float chin_unlike(const uint8_t *rest, const uint8_t *crop) {
+  enum { FIRST = (CHIN_ROWS / 2 - 7) * CHIN_COLUMNS, COUNT = CHIN_ROWS * CHIN_COLUMNS - FIRST };
+  int sum = 0;
+  for (int i = FIRST; i < FIRST + COUNT; i++) sum += abs(rest[i] - crop[i]);
+  return (float)sum / COUNT;
+}
+
+/* Detects chins that something hides. unlike[frames]: of chin_unlike(); sorted[frames] is overwritten. */
+static void check_hidden(struct ern_prepare_job *job, const float *unlike, float *sorted) {
+  size_t hidden = 0, first = 0;
+  for (size_t i = 0; i < job->frames; i++) sorted[i] = unlike[i];
+  const float usual = fmaxf(ern_quantile(sorted, job->frames, 0.5), 1);
+  for (size_t i = job->frames; i-- > 0;)
+    if (unlike[i] > most_unlike * usual) {
+      first = i;
+      hidden++;
+    }
+  ern_prepare_figure(job, "chin_hidden", (double)hidden / (double)job->frames);
+  if ((double)hidden > most_hidden * (double)job->frames)
+    ern_prepare_add_reason(job, ERN_PREPARE_DOUBTFUL,
+                           "the chin looks otherwise in %zu of %zu frames, the first is %zu, as behind a hand or in "
+                           "other light, expected %.0f %% of them at most: a model learns it as a part of speech; "
+                           "--from and --to choose a part without it",
+                           hidden, job->frames, first, 100 * most_hidden);
+}
+
 /* Measures the openings of all frames, relative to the lowest tenth of them, which counts as a closed mouth. */
 static ern_status follow_chin(struct fit *fit) {
   enum { PIXELS = CHIN_COLUMNS * CHIN_ROWS };
@@ -238,12 +271,13 @@ static ern_status follow_chin(struct fit *fit) {
   ern_context *context = fit->job->context;
   const size_t frames = fit->job->frames;
   uint8_t *rest = NULL, *crop = NULL;
-  float *values = NULL, *flow = NULL, *sorted = NULL;
+  float *values = NULL, *flow = NULL, *sorted = NULL, *unlike = NULL;
   ERN_TRY(ERN_NEW(context, PIXELS, &rest));
   ERN_TRY(ERN_NEW(context, PIXELS, &crop));
   ERN_TRY(ERN_NEW(context, PIXELS, &values));
   ERN_TRY(ERN_NEW(context, 2 * PIXELS, &flow));
   ERN_TRY(ERN_NEW(context, frames, &sorted));
+  ERN_TRY(ERN_NEW(context, frames, &unlike));
   size_t at_rest = 0;
   ERN_TRY(find_rest(fit, values, crop, &at_rest));
   ERN_TRY(ern_frame_grey(fit->job, at_rest, fit->grey));
@@ -253,6 +287,8 @@ static ern_status follow_chin(struct fit *fit) {
     fit->opening[i] = i > 0 ? fit->opening[i - 1] : 0;
     ERN_TRY(chin_drop(fit, i, rest, crop, flow, values, &fit->opening[i]));
     sorted[i] = fit->opening[i];
+    take_chin(fit, i, fit->opening[i], values, crop);
+    unlike[i] = chin_unlike(rest, crop);
     ERN_TRY(ern_prepare_progress(fit->job, LOOKS / 2 + i, LOOKS + 2 * frames));
   }
   const float closed = ern_quantile(sorted, frames, 0.1), wide = ern_quantile(sorted, frames, 0.95);
@@ -266,12 +302,14 @@ static ern_status follow_chin(struct fit *fit) {
         "lower lip and chin are probably wrong (overlay.mp4 shows them), for example because the chin leaves the "
         "picture or is hidden; --landmarks takes points of another program",
         opens, most_opening);
+  check_hidden(fit->job, unlike, sorted);
 fail:
   ern_release(context, rest);
   ern_release(context, crop);
   ern_release(context, values);
   ern_release(context, flow);
   ern_release(context, sorted);
+  ern_release(context, unlike);
   return status;
 }
 

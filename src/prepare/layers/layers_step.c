@@ -18,6 +18,8 @@ enum { EXAMPLES = 30, VOTES = 5, QUALITY = 95 };
 /* Metres. Where the picture's lower edge is shoulders_below or more under the middle of the head, a person is wider
  * there than twice half_shoulders. Half a head is 0.075 wide. */
 static const double shoulders_below = 0.15, half_shoulders = 0.11;
+/* The person's share of the picture, relative to its median over the frames. Of seven people it was 0.9 to 1.2. */
+static const float least_area = 0.5F, most_area = 1.5F;
 
 struct voter { /* a frame with a mask, which waits for the masks of its neighbours */
   size_t frame;
@@ -38,9 +40,10 @@ struct layers {
   uint8_t *mask, *voted, *alpha, *behind, *parts, *rgba;
   /* over the frames so far */
   size_t border[16];
-  double covered, areas[3]; /* the person's share of the picture: mean; last three frames */
-  float *jitter;            /* [job->frames]: relative second differences of the area in time (jitter) */
-  size_t low, narrow;       /* frames that show the shoulders; those of them that are too narrow */
+  double covered;     /* mean of the areas */
+  float *areas;       /* [job->frames]: the person's share of the picture */
+  float *jitter;      /* [job->frames]: relative second differences of the area in time (jitter) */
+  size_t low, narrow; /* frames that show the shoulders; those of them that are too narrow */
 };
 
 static ern_status open_layers(struct layers *l, struct ern_prepare_job *job) {
@@ -55,6 +58,7 @@ static ern_status open_layers(struct layers *l, struct ern_prepare_job *job) {
     ERN_TRY(ern_folder_make(job->context, path));
   }
   ERN_TRY(ERN_NEW(job->context, job->frames, &l->faces));
+  ERN_TRY(ERN_NEW(job->context, job->frames, &l->areas));
   ERN_TRY(ERN_NEW(job->context, job->frames, &l->jitter));
   ERN_TRY(ERN_NEW(job->context, pixels, &l->mask));
   ERN_TRY(ERN_NEW(job->context, pixels, &l->alpha));
@@ -83,6 +87,7 @@ static void close_layers(struct layers *l) {
     ern_release(context, l->ring[i].parts);
   }
   ern_release(context, l->faces);
+  ern_release(context, l->areas);
   ern_release(context, l->jitter);
   ern_release(context, l->mask);
   ern_release(context, l->alpha);
@@ -199,9 +204,9 @@ static void measure(struct layers *l, size_t frame) {
   for (size_t k = 0; k < pixels; k++) area += l->parts[k] != ERN_PART_BACKGROUND ? 1 : 0;
   area /= (double)pixels;
   l->covered += area / (double)l->job->frames;
-  l->areas[frame % 3] = area;
+  l->areas[frame] = (float)area;
   if (frame >= 2 && area > 0)
-    l->jitter[frame] = (float)(fabs(area - 2 * l->areas[(frame - 1) % 3] + l->areas[(frame - 2) % 3]) / area);
+    l->jitter[frame] = (float)fabs(area - 2 * (double)l->areas[frame - 1] + (double)l->areas[frame - 2]) / (float)area;
 }
 
 /* Detects missing shoulders: clothes that never move may be learnt as the background. */
@@ -316,6 +321,27 @@ static void check_shoulders(const struct layers *l) {
         l->narrow, l->low);
 }
 
+/* Detects frames in which the person is gone, or fills the picture. The jitter, which is read by then, is lost. */
+static void check_areas(const struct layers *l) {
+  const size_t frames = l->job->frames;
+  size_t odd = 0, first = 0;
+  for (size_t f = 0; f < frames; f++) l->jitter[f] = l->areas[f];
+  const float usual = ern_quantile(l->jitter, frames, 0.5);
+  for (size_t f = frames; f-- > 0;)
+    if (l->areas[f] < least_area * usual || l->areas[f] > most_area * usual) {
+      first = f;
+      odd++;
+    }
+  ern_prepare_figure(l->job, "odd_areas", (double)odd / (double)frames);
+  if (odd > 0)
+    ern_prepare_add_reason(
+        l->job, ERN_PREPARE_DOUBTFUL,
+        "in %zu of %zu frames, the first is %zu, the person takes %.0f %% of the picture, expected %.0f to %.0f %% as "
+        "in the others: the person is not there, or the mask is wrong; --from and --to choose a part, --masks helps",
+        odd, frames, first, 100 * (double)l->areas[first], 100 * (double)(least_area * usual),
+        100 * (double)fminf(most_area * usual, 1));
+}
+
 static void check_banner(const struct layers *l) {
   const ern_prepare_options *options = l->job->options;
   double top = 0, bottom = 0;
@@ -385,6 +411,7 @@ ern_status ern_prepare_layers(struct ern_prepare_job *job) {
         "--background %s is enlarged %.3g times, and blurred; expected a picture as large as the video",
         job->options->background, 1 / l.place);
   check_person(job, &l.found, l.covered, l.jitter, l.border);
+  check_areas(&l);
   check_shoulders(&l);
   check_banner(&l);
 fail:
