@@ -96,6 +96,13 @@ static bool make_key(char key[WHEP_KEY]) {
   return true;
 }
 
+/* Connections that may still come: each is an open file. */
+static size_t coming_connections(const struct ern_http_server *server) {
+  const union MHD_DaemonInfo *info = MHD_get_daemon_info(server->daemon, MHD_DAEMON_INFO_CURRENT_CONNECTIONS);
+  const unsigned most = server->options.connections, now = info != NULL ? info->num_connections : 0;
+  return most > now ? most - now : 0;
+}
+
 /* Makes the viewer, who then counts. The caller holds the lock. */
 static struct whep_viewer *add_viewer(struct request *r) {
   const struct ern_webrtc_functions *functions = r->server->webrtc_functions;
@@ -108,7 +115,7 @@ static struct whep_viewer *add_viewer(struct request *r) {
   if (v == NULL || s->source == NULL || !make_key(v->key)) goto fail;
   v->stream = s;
   v->request = r;
-  v->peer = functions->watch(s->source, r->body, avcc, v);
+  v->peer = functions->watch(s->source, r->body, avcc, coming_connections(r->server), v);
   if (v->peer == NULL) goto fail;
   v->following = s->peers;
   s->peers = v;

@@ -54,6 +54,15 @@ refused 1 $status "noise.bin"
 [ ! -e noise.mp4 ] || fail "noise.mp4 was left"
 status=0; live --audio gone.wav -o gone.mp4 2> err.txt || status=$?
 refused 1 $status "gone.wav"
+# stopped before there is a frame
+sleep 60 | "$ernerf" live head.safetensors --clip clip --audio - --audio-format s16le --as-fast -o early.mp4 2> err.txt &
+program=$!
+for ((i = 0; i < 300; i++)); do grep -q agreed err.txt && break; sleep 0.1; done
+sleep 1
+kill -TERM $program
+status=0; wait $program || status=$?
+refused 143 $status "before the first frame"
+[ ! -e early.mp4 ] || fail "early.mp4 was left"
 # a pipe that ends without a sample, after which the person only rests, and one that is silent up to the end
 status=0; live --audio - --audio-format s16le -o - --format raw < /dev/null > rest.rgba 2> err.txt || status=$?
 refused 1 $status "ended without a sample of sound"

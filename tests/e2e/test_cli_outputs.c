@@ -244,6 +244,15 @@ static void test_links(void **state) {
   }
 }
 
+/* The folder behind a link is missed before a training, not after it. */
+static void test_link_to_nowhere(void **state) {
+  (void)state;
+  assert_int_equal(symlink("nowhere/n.safetensors", "n.safetensors"), 0);
+  cli_run(&cli, "train clip -o n.safetensors --rays 32 --iters 2 --levels 2 --quiet");
+  cli_expect(&cli, 1, "n.safetensors", "its folder is not there", NULL);
+  assert_false(cli_there("n.run"));
+}
+
 /* What is read is not written over through a link either, whatever it is asked to replace. */
 static void test_links_to_inputs(void **state) {
   (void)state;
@@ -411,8 +420,9 @@ int main(void) {
       cmocka_unit_test(test_refused),         cmocka_unit_test(test_overwritten),
       cmocka_unit_test(test_training),        cmocka_unit_test(test_validation_of_the_average_long),
       cmocka_unit_test(test_run_folder_long), cmocka_unit_test(test_links),
-      cmocka_unit_test(test_links_to_inputs), cmocka_unit_test(test_parts_of_a_clip),
-      cmocka_unit_test(test_same_output),     cmocka_unit_test(test_devices),
-      cmocka_unit_test(test_odd_names),       cmocka_unit_test(test_two_renders_long)};
+      cmocka_unit_test(test_link_to_nowhere), cmocka_unit_test(test_links_to_inputs),
+      cmocka_unit_test(test_parts_of_a_clip), cmocka_unit_test(test_same_output),
+      cmocka_unit_test(test_devices),         cmocka_unit_test(test_odd_names),
+      cmocka_unit_test(test_two_renders_long)};
   return cmocka_run_group_tests(tests, make_files, NULL);
 }

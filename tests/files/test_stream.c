@@ -6,7 +6,9 @@
 #include <netinet/in.h>
 #include <pthread.h>
 #include <stdbool.h>
+#include <sys/socket.h>
 #include <sys/time.h>
+#include <sys/un.h>
 #include <time.h>
 
 #include "stream_support.h"
@@ -317,6 +319,12 @@ static void test_waits_end_when_asked_to(void **state) {
   options.user = sound.user = &patience;
   make_fifo("alone");
   support_expect(context, ern_stream_writer_open(context, "alone", &options, &writer), ERN_E_CANCELLED, "alone", NULL);
+  const int unused = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0);
+  assert_int_equal(
+      bind(unused, (const struct sockaddr *)&(struct sockaddr_un){AF_UNIX, "socket"}, sizeof(struct sockaddr_un)), 0);
+  atomic_store(&patience.left, 2);
+  support_expect(context, ern_stream_writer_open(context, "socket", &options, &writer), ERN_E_IO, "socket", NULL);
+  assert_int_equal(close(unused), 0);
   options.format = "mp4";
   atomic_store(&patience.left, 2);
   snprintf(url, sizeof url, "http://127.0.0.1:%d/", free_port());

@@ -74,7 +74,13 @@ bool ern_is_pipe(const char *path) {
   return strcmp(path, "-") == 0 || (stat(path, &there) == 0 && !S_ISREG(there.st_mode) && !S_ISDIR(there.st_mode));
 }
 
-/* A non-blocking open of a FIFO for writing fails until a reader has opened it, so this retries. */
+static bool is_fifo(const char *path) {
+  struct stat there;
+  return stat(path, &there) == 0 && S_ISFIFO(there.st_mode);
+}
+
+/* A non-blocking open of a FIFO for writing fails until a reader has opened it, so this retries. A socket fails alike.
+ */
 static ern_status open_descriptor(ern_context *context, const char *path, bool writes, struct ern_descriptor_io *io) {
   while (!asks_to_stop(io)) {
     io->descriptor = open(path, (writes ? O_WRONLY : O_RDONLY) | O_NONBLOCK | O_CLOEXEC);
@@ -82,9 +88,10 @@ static ern_status open_descriptor(ern_context *context, const char *path, bool w
       io->owned = true;
       return ERN_OK;
     }
-    if (errno != ENXIO && errno != EINTR)
-      return ern_fail(context, errno == ENOENT ? ERN_E_MISSING : ERN_E_IO, "%s: cannot open: %s", path,
-                      strerror(errno));
+    const int reason = errno;
+    if (reason != EINTR && (reason != ENXIO || !is_fifo(path)))
+      return ern_fail(context, reason == ENOENT ? ERN_E_MISSING : ERN_E_IO, "%s: cannot open: %s", path,
+                      reason == ENXIO ? "a socket or device that nothing can be written to" : strerror(reason));
     (void)nanosleep(&(struct timespec){.tv_nsec = LOOK_MS * 1000000}, NULL);
   }
   return ern_fail(context, ERN_E_CANCELLED, "%s: stopped before its other side was there", path);

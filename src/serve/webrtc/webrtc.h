@@ -41,9 +41,10 @@ struct ern_webrtc_functions {
                   bool key, double seconds);
   /* samples: [frames], mono, 48000 a second */
   void (*sound)(struct ern_webrtc_source *source, const float *samples, size_t frames, double seconds);
-  /* Takes an offer, of which `events` tell. avcc: the beginning of the stream's. NULL without memory. */
+  /* Takes an offer, of which `events` tell. avcc: the beginning of the stream's. spare_files: open files that are left
+   * to others. NULL without memory. */
   struct ern_webrtc_viewer *(*watch)(struct ern_webrtc_source *source, const char *offer, const unsigned char avcc[4],
-                                     void *user);
+                                     size_t spare_files, void *user);
   void (*end)(struct ern_webrtc_viewer *viewer); /* asks for its end; before `ended` returns */
 };
 

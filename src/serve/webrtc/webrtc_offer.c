@@ -6,7 +6,7 @@
 
 #include "serve/webrtc/webrtc_shared.h"
 
-enum { LINES = 8 /* most media of an offer */, CANDIDATES = 128 };
+enum { LINES = 8 /* most media of an offer */, CANDIDATES = 128, TYPES = 128 /* that RTP has */, ATTRIBUTES = 1024 };
 
 static bool is_there(const GstSDPMessage *message, const GstSDPMedia *media, const char *name) {
   return gst_sdp_media_get_attribute_val(media, name) != NULL ||
@@ -101,6 +101,8 @@ static const char *check_media(const GstSDPMessage *message, const GstSDPMedia *
     if (!is_there(message, media, needed[i])) return "a media without ice-ufrag, ice-pwd, fingerprint or setup";
   if (fingerprint == NULL) fingerprint = gst_sdp_message_get_attribute_val(message, "fingerprint");
   if (g_ascii_strncasecmp(fingerprint, "sha-256 ", 8) != 0) return "a fingerprint that is not of sha-256";
+  if (gst_sdp_media_formats_len(media) > TYPES) return "more than 128 payload types of a media";
+  if (gst_sdp_media_attributes_len(media) > ATTRIBUTES) return "more than 1024 attributes of a media";
   guint candidates = 0;
   for (guint k = 0; k < gst_sdp_media_attributes_len(media); k++)
     candidates += strcmp(gst_sdp_media_get_attribute(media, k)->key, "candidate") == 0;

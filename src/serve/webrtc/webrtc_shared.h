@@ -49,6 +49,14 @@ struct webrtc_track {
   guint32 ssrc;
 };
 
+/* What a viewer has sent. */
+struct webrtc_reports {
+  guint32 senders[16]; /* sources that it has named; browsers have one or two */
+  unsigned count;
+  bool excess; /* it has named more, each of which costs memory */
+  gint64 due;  /* microseconds of GLib's monotonic clock: when all of it would have come at the pace that is admitted */
+};
+
 enum viewer_step { VIEWER_GATHERS, VIEWER_CONNECTS, VIEWER_WATCHES };
 
 struct ern_webrtc_viewer {
@@ -58,8 +66,11 @@ struct ern_webrtc_viewer {
   char *offer;
   unsigned char avcc[4]; /* of the stream, its beginning: version, profile, constraints, level */
   atomic_bool ends;      /* somebody asks for its end */
+  size_t spare_files;    /* open files that others may still need */
   enum viewer_step step;
-  _Atomic gint64 since; /* microseconds of GLib's monotonic clock: when the step began, or it last sent a report */
+  gint64 since;                  /* microseconds of GLib's monotonic clock: when the step began */
+  _Atomic gint64 reported;       /* likewise, when it last sent a report; 0: never */
+  struct webrtc_reports reports; /* of the thread that receives them */
   GstElement *pipeline, *peer;
   struct webrtc_track picture, sound;
   /* guarded by the source's fed_mutex */
@@ -90,6 +101,24 @@ bool webrtc_viewer_open(struct ern_webrtc_viewer *viewer, unsigned *status, char
 /* Looks how far it is. False: it has ended. */
 bool webrtc_viewer_look(struct ern_webrtc_viewer *viewer);
 void webrtc_viewer_close(struct ern_webrtc_viewer *viewer);
+
+/* ---- webrtc_receiver.c ---- */
+
+/* From now on only reports that are admitted come from the peer. False: it cannot be. */
+bool webrtc_receiver_open(struct ern_webrtc_viewer *viewer);
+/* Whether the certificates that came are those of the offer. */
+bool webrtc_receiver_is_offered(struct ern_webrtc_viewer *viewer);
+
+/* ---- webrtc_reports.c ---- */
+
+/* Whether GStreamer may have these reports (RTCP). own: the sources of the viewer's tracks. */
+bool webrtc_reports_admit(struct webrtc_reports *reports, const guint8 *bytes, size_t count, const guint32 own[2],
+                          gint64 now);
+
+/* ---- webrtc_room.c ---- */
+
+/* Whether there are open files and threads for one more viewer, and the files that others may still need. */
+bool webrtc_room_is_there(size_t spare_files);
 
 /* ---- webrtc_source.c ---- */
 

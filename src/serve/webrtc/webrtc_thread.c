@@ -164,11 +164,12 @@ static void remove_source(struct ern_webrtc_source **source) {
 }
 
 static struct ern_webrtc_viewer *watch(struct ern_webrtc_source *s, const char *offer, const unsigned char avcc[4],
-                                       void *user) {
+                                       size_t spare_files, void *user) {
   struct ern_webrtc_viewer *v = calloc(1, sizeof *v);
   if (v == NULL) return NULL;
   v->source = s;
   v->user = user;
+  v->spare_files = spare_files;
   v->offer = g_strdup(offer);
   memcpy(v->avcc, avcc, sizeof v->avcc);
   atomic_fetch_add(&s->users, 1);

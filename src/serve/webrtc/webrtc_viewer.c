@@ -11,7 +11,8 @@ enum {
   JOINS = 10, /* viewers that are made in a second */
   BAD_REQUEST = 400,
   TOO_MANY = 429,
-  BROKEN = 500
+  BROKEN = 500,
+  BUSY = 503
 };
 
 static const gint64 patience[] = {[VIEWER_GATHERS] = 5 * G_USEC_PER_SEC,
@@ -152,6 +153,11 @@ bool webrtc_viewer_open(struct ern_webrtc_viewer *v, unsigned *status, char reas
     snprintf(reason, WEBRTC_REASON, "more than %d viewers by WebRTC have come within a second", JOINS);
     done = false;
   }
+  if (done && !webrtc_room_is_there(v->spare_files)) {
+    *status = BUSY;
+    snprintf(reason, WEBRTC_REASON, "the system has too few open files or threads for one more viewer by WebRTC");
+    done = false;
+  }
   if (done) {
     *status = BROKEN;
     snprintf(reason, WEBRTC_REASON, "no peer could be made");
@@ -166,7 +172,7 @@ bool webrtc_viewer_open(struct ern_webrtc_viewer *v, unsigned *status, char reas
     done = open_track(v, &v->picture, offer.picture, offer.picture_line);
   }
   if (done && offer.sound != NULL) done = open_track(v, &v->sound, offer.sound, offer.sound_line);
-  done = done && answer(v, reason);
+  done = done && answer(v, reason) && webrtc_receiver_open(v);
   if (done && gst_element_set_state(v->pipeline, GST_STATE_PLAYING) == GST_STATE_CHANGE_FAILURE) done = false;
   webrtc_offer_free(&offer);
   v->step = VIEWER_GATHERS;
@@ -208,29 +214,6 @@ static bool gathers(struct ern_webrtc_viewer *v) {
   return true;
 }
 
-static GstPadProbeReturn note_report(GstPad *pad, GstPadProbeInfo *info, gpointer user) {
-  struct ern_webrtc_viewer *v = user;
-  (void)pad;
-  (void)info;
-  atomic_store(&v->since, g_get_monotonic_time());
-  return GST_PAD_PROBE_OK;
-}
-
-/* All that a viewer sends are the reports of RTCP, of both tracks at least every 7.5 s. One that has gone without a
- * word is known by their absence: ICE itself would keep it. */
-static void await_reports(struct ern_webrtc_viewer *v) {
-  GstIterator *all = gst_bin_iterate_all_by_element_factory_name(GST_BIN(v->peer), "nicesrc");
-  GValue item = G_VALUE_INIT;
-  while (gst_iterator_next(all, &item) == GST_ITERATOR_OK) {
-    GstPad *pad = gst_element_get_static_pad(g_value_get_object(&item), "src");
-    (void)gst_pad_add_probe(pad, GST_PAD_PROBE_TYPE_BUFFER | GST_PAD_PROBE_TYPE_BUFFER_LIST, note_report, v, NULL);
-    gst_object_unref(pad);
-    g_value_reset(&item);
-  }
-  g_value_unset(&item);
-  gst_iterator_free(all);
-}
-
 bool webrtc_viewer_look(struct ern_webrtc_viewer *v) {
   GstWebRTCPeerConnectionState state;
   if (atomic_load(&v->ends) || atomic_load(&v->source->removed) || has_failed(v)) return false;
@@ -240,12 +223,13 @@ bool webrtc_viewer_look(struct ern_webrtc_viewer *v) {
     return false;
   if (v->step == VIEWER_CONNECTS && state == GST_WEBRTC_PEER_CONNECTION_STATE_CONNECTED) {
     v->step = VIEWER_WATCHES;
-    atomic_store(&v->since, g_get_monotonic_time());
-    await_reports(v);
+    v->since = g_get_monotonic_time();
+    if (!webrtc_receiver_is_offered(v)) return false;
     (void)gst_bin_recalculate_latency(GST_BIN(v->pipeline)); /* else RTCP does not tell the time of packets exactly */
     return webrtc_source_feed(v->source, v);
   }
-  return g_get_monotonic_time() < atomic_load(&v->since) + patience[v->step];
+  const gint64 reported = atomic_load(&v->reported);
+  return g_get_monotonic_time() < MAX(v->since, reported) + patience[v->step];
 }
 
 void webrtc_viewer_close(struct ern_webrtc_viewer *v) {

@@ -75,7 +75,8 @@ def test_refused(server, offer):
             (offer.replace(b"42e01f", b"64001f"), SDP, 400), (offer.replace(b"a=fingerprint", b"a=finger"), SDP, 400),
             (offer.replace(b"sha-256", b"sha-1"), SDP, 400), (offer.replace(b"recvonly", b"sendonly"), SDP, 400), (offer.replace(b"m=audio", b"m=audi"), SDP, 400),
             (offer + b"m=audio 9 UDP/TLS/RTP/SAVPF 0\r\n" * 9, SDP, 400), (offer + b"\0", SDP, 400), (offer * 60, SDP, 413),
-            (offer + b"a=candidate:1 1 UDP 1 192.0.2.1 9 typ host\r\n" * 200, SDP, 400), (offer, "text/plain", 415), (offer, None, 415)]
+            (offer + b"a=candidate:1 1 UDP 1 192.0.2.1 9 typ host\r\n" * 200, SDP, 400),
+            (offer.replace(b" 102", b" 102" + b" 9" * 9000, 1), SDP, 400), (offer + b"a=x\r\n" * 9000, SDP, 400), (offer, "text/plain", 415), (offer, None, 415)]
     for body, kind, expected in rows:
         status, answer = server.ask("POST", "/v1/sessions/head/whep", body, kind=kind)
         check(status == expected and "error" in answer, f"{body[:60]} {kind}: {status} {answer}, expected {expected}")

@@ -131,6 +131,7 @@ static int finish(struct live_job *job, int status) {
   if (error != NULL && mute && job->frames == 0) status = session_fail_with(session, "%s", error);
   if (error != NULL && status == 0) session_warn(session, "%s", error);
   free(error);
+  if (status == 0 && stopped && job->frames == 0) status = session_stop_with(session, "stopped before the first frame");
   if (status != 0) live_output_fail(&job->output);
   live_sound_stop(&job->sound);
   live_control_stop(&job->commands);

@@ -17,7 +17,8 @@ enum {
   TOKEN_LEAST = 16,
   TOKEN_BYTES = 512,
   LOOK_MS = 50,
-  FILES = 256 /* that are open besides connections: pictures that are read, pipes of sounds that wait */
+  FILES = 256 /* that are open besides connections: pictures that are read, pipes of sounds that wait */,
+  FILES_OF_VIEWER = 16 /* by WebRTC, who takes 9 on a machine of three addresses */
 };
 
 struct serve_job {
@@ -161,17 +162,18 @@ static int read_tokens(struct serve_job *serve) {
 /* ---- the server ----------------------------------------------------------------------------------------------------
  */
 
-/* Else so many connections would end the sessions, which could not open a picture. */
+/* Else so many connections would end the sessions, which could not open a picture. Viewers by WebRTC are refused where
+ * there are too few files for them. */
 static int allow_files(struct serve_job *serve) {
   struct rlimit files;
-  const rlim_t wanted = (rlim_t)serve->connections + FILES;
+  const rlim_t needed = (rlim_t)serve->connections + FILES, wanted = needed + FILES_OF_VIEWER * (rlim_t)serve->viewers;
   if (getrlimit(RLIMIT_NOFILE, &files) != 0 || files.rlim_cur >= wanted) return 0;
-  const rlim_t most = files.rlim_max;
-  files.rlim_cur = wanted;
-  if (most >= wanted && setrlimit(RLIMIT_NOFILE, &files) == 0) return 0;
+  const rlim_t most = files.rlim_max, now = files.rlim_cur;
+  files.rlim_cur = wanted < most ? wanted : most;
+  if (files.rlim_cur >= needed && (setrlimit(RLIMIT_NOFILE, &files) == 0 || now >= needed)) return 0;
   return session_fail_with(&serve->live.session,
                            "--connections is %d, and the system allows %llu open files, expected %llu (ulimit -n)",
-                           serve->connections, (unsigned long long)most, (unsigned long long)wanted);
+                           serve->connections, (unsigned long long)most, (unsigned long long)needed);
 }
 
 static int run(struct serve_job *serve, const struct args *args) {

@@ -567,8 +567,9 @@ int session_check_outputs(struct session *session, const char *folder, const cha
 }
 
 int session_check_training(struct session *session, const char *path) {
-  char folder[4096];
-  if (!session_folder_there(path)) return session_fail_with(session, "%s: its folder is not there", path);
+  char folder[4096], place[PLACE_BYTES]; /* a link is followed */
+  if (!session_folder_there(path) || !place_of(path, place) || !session_folder_there(place))
+    return session_fail_with(session, "%s: its folder is not there", path);
   if (session_check_not_inputs(session, path) != 0 || session_check_distinct_output(session, path) != 0)
     return EXIT_FAILURE;
   if (snprintf(folder, sizeof folder, "%.*s.run", (int)(strlen(path) - strlen(".safetensors")), path) >=

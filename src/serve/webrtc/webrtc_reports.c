@@ -1,0 +1,52 @@
+/* SPDX-License-Identifier: MIT
+ * What comes from a viewer. libsrtp and GStreamer keep memory for every source that a report is of, and GStreamer sends
+ * a packet again as often as reports ask for it. */
+#include "serve/webrtc/webrtc_shared.h"
+
+enum {
+  HEAD = 8 /* bytes: version and count, type, length in words less one, sender */,
+  FIRST_LOST = 12,
+  NACK = 205,
+  GENERIC = 1,
+  SHARE = 1000 /* reports and packets asked for again, in a second on average */
+};
+
+static guint32 word(const guint8 *at) { return GST_READ_UINT32_BE(at); }
+
+static bool is_known(struct webrtc_reports *r, guint32 sender) {
+  for (unsigned k = 0; k < r->count; k++)
+    if (r->senders[k] == sender) return true;
+  r->excess = r->count == sizeof r->senders / sizeof *r->senders;
+  if (r->excess) return false;
+  r->senders[r->count++] = sender;
+  return true;
+}
+
+/* Packets that the report asks for again: a number, and a mask of those behind it. */
+static gint64 asked_again(const guint8 *report, size_t bytes) {
+  gint64 asked = 0;
+  if (report[1] != NACK || (report[0] & 31) != GENERIC) return 0;
+  for (size_t at = FIRST_LOST; at + 4 <= bytes; at += 4) {
+    asked++;
+    for (guint32 mask = word(report + at) & 0xffff; mask != 0; mask &= mask - 1) asked++;
+  }
+  return asked;
+}
+
+bool webrtc_reports_admit(struct webrtc_reports *r, const guint8 *bytes, size_t count, const guint32 own[2],
+                          gint64 now) {
+  gint64 cost = 1;
+  size_t at = 0, length = 0;
+  for (; at + 4 <= count; at += length) {
+    length = 4 * ((size_t)bytes[at + 2] << 8 | bytes[at + 3]) + 4;
+    if (bytes[at] >> 6 != 2 || length > count - at) return false;
+    if (length < HEAD) continue; /* a list of no sources */
+    const guint32 sender = word(bytes + at + 4);
+    if (sender == own[0] || sender == own[1] || !is_known(r, sender)) return false;
+    cost += asked_again(bytes + at, length);
+  }
+  const gint64 due = MAX(r->due, now);
+  if (at != count || due > now + G_USEC_PER_SEC) return false;
+  r->due = due + cost * G_USEC_PER_SEC / SHARE;
+  return true;
+}
