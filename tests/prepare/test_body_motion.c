@@ -84,19 +84,27 @@ static const struct truth truths[] = {{{0, 0, 0, 0, 0, 0}, 0},
                                       {{0, 0, 0.01, 0, 0, 0.01}, 0.03}};
 enum { FRAMES = sizeof truths / sizeof *truths };
 
+/* A frame with its light: from `dim` of all of it in the first to all of it in the last. */
+static void draw_frame(size_t frame, double dim) {
+  const double light = dim + (1 - dim) * (double)frame / (FRAMES - 1);
+  draw(&truths[frame]);
+  for (int i = 0; i < 4 * SIDE * SIDE; i++)
+    if (i % 4 < 3) rgba[i] = (uint8_t)lround(light * rgba[i]);
+}
+
 /* The root mean square of how far control points are off, pixels: compared with the first frame, then with the mean of
  * all. */
-static double moved(ern_context *context, double pixels) {
+static double moved(ern_context *context, double pixels, double dim) {
   struct ern_body_reference *reference = NULL;
   float motion[ERN_MOTION_VALUES];
   double squares = 0;
   bool found = false;
   memset(background, 90, sizeof background);
-  draw(&truths[0]);
+  draw_frame(0, dim);
   support_ok(context, ern_body_reference_make(context, SIDE, background, rgba, parts, &reference));
   for (int mean = 0; mean < 2; mean++) {
     for (size_t f = 0; f < FRAMES; f++) {
-      draw(&truths[f]);
+      draw_frame(f, dim);
       support_ok(context, ern_body_reference_find(reference, rgba, parts, motion, &found));
       assert_true(found);
       squares += expect_motion(motion, &truths[f], pixels);
@@ -115,7 +123,16 @@ static double moved(ern_context *context, double pixels) {
 static void test_moved(void **state) {
   (void)state;
   ern_context *context = support_context();
-  assert_true(moved(context, 0.5) <= 0.1);
+  assert_true(moved(context, 0.5, 1) <= 0.1);
+  ern_context_free(&context);
+}
+
+/* Light that changes is no motion. */
+static void test_light(void **state) {
+  (void)state;
+  ern_context *context = support_context();
+  const double off = moved(context, 1, 0.6);
+  if (!(off <= 0.1)) fail_msg("off by %.3f pixels", off);
   ern_context_free(&context);
 }
 
@@ -124,7 +141,7 @@ static void test_plain_cloth(void **state) {
   (void)state;
   ern_context *context = support_context();
   plain_cloth = true;
-  const double off = moved(context, 1.5);
+  const double off = moved(context, 1.5, 1);
   plain_cloth = false;
   if (!(off <= 0.18)) fail_msg("off by %.3f pixels", off);
   ern_context_free(&context);
@@ -149,7 +166,7 @@ static void test_plain(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_moved), cmocka_unit_test(test_plain_cloth),
-                                     cmocka_unit_test(test_plain)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_moved), cmocka_unit_test(test_light),
+                                     cmocka_unit_test(test_plain_cloth), cmocka_unit_test(test_plain)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -219,6 +219,7 @@ void ern_person_place_moves(const ern_person_model &model, ern_person_found *fou
   for (size_t k = 0; k < count && points.size() >= 12; k++) {
     if (k == middle) continue;
     cv::cvtColor(model.examples[k].frame, after, cv::COLOR_RGB2GRAY);
+    after.convertTo(after, CV_8U, cv::mean(before, free)[0] / std::max(cv::mean(after, free)[0], 1.0)); /* its light */
     cv::calcOpticalFlowPyrLK(before, after, points, moved, found_there, cv::noArray());
     std::vector<cv::Point2f> a, b;
     for (size_t i = 0; i < points.size(); i++)

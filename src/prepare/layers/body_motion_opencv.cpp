@@ -31,8 +31,10 @@ constexpr int grid_side = ERN_MOTION_SIDE, points = grid_side * grid_side; /* co
 constexpr double bending = 3, stretching = 0.01; /* weights of second and first differences of control points, in
                                                     pixels with full weight */
 constexpr int least_pixels = 200;
-constexpr double blur = 0.7;      /* pixels of work: of what colours are compared in */
-constexpr double outlier = 400;   /* squared distance of two colours at which a pixel has half of the weight */
+constexpr double blur = 0.7;    /* pixels of work: of what colours are compared in */
+constexpr double outlier = 400; /* squared distance of two colours at which a pixel has half of the weight */
+constexpr int gain_rounds = 4;
+constexpr double most_gain = 4;   /* of the light of a frame */
 constexpr double noise = 20;      /* squared grey levels: what bending and stretching are weighed against */
 constexpr int steps = 3;          /* of Gauss-Newton */
 constexpr double most_step = 1.5; /* pixels of work */
@@ -200,8 +202,29 @@ void add_stiffness(Normal &normal, const cv::Mat &stiffness, const cv::Mat &cont
   normal.matrix.diagonal().array() += 1e-3;
 }
 
-/* Moves the control points by a step. picture, mask: of the frame, blurred and without its border. */
-bool improve(const ern_body_reference &r, const cv::Mat &picture, const cv::Mat &mask, cv::Mat &control) {
+/* By what the frame's colours are multiplied to be as bright as the reference where both show the same, `seen`. */
+double gain_of(const cv::Mat &seen, const cv::Mat &picture, const cv::Mat &mask) {
+  double gain = 1;
+  for (int round = 0; round < gain_rounds; round++) {
+    double sum = 0, wanted = 0;
+    for (int y = 0; y < mask.rows; y++)
+      for (int x = 0; x < mask.cols; x++) {
+        if (mask.at<uchar>(y, x) == 0) continue;
+        const cv::Vec3f &own = picture.at<cv::Vec3f>(y, x), &other = seen.at<cv::Vec3f>(y, x);
+        const cv::Vec3f off = other - own * float(gain);
+        const double weight = 1 / (1 + double(off.dot(off)) / outlier);
+        sum += weight * double(own[0] + own[1] + own[2]);
+        wanted += weight * double(other[0] + other[1] + other[2]);
+      }
+    if (!(sum > 0 && wanted > 0)) return 1;
+    gain = std::min(std::max(wanted / sum, 1 / most_gain), most_gain);
+  }
+  return gain;
+}
+
+/* Moves the control points by a step. picture, mask: of the frame, blurred and without its border. *gain: of its light.
+ */
+bool improve(const ern_body_reference &r, const cv::Mat &picture, const cv::Mat &mask, cv::Mat &control, double *gain) {
   Normal normal = {Eigen::MatrixXd::Zero(2 * points, 2 * points), Eigen::VectorXd::Zero(2 * points)};
   cv::Mat place(r.work, r.work, CV_32FC2), seen, down, right;
   for (int y = 0; y < r.work; y++)
@@ -212,10 +235,11 @@ bool improve(const ern_body_reference &r, const cv::Mat &picture, const cv::Mat 
   cv::remap(r.smooth, seen, place, cv::noArray(), cv::INTER_LINEAR, cv::BORDER_REPLICATE);
   cv::remap(r.down, down, place, cv::noArray(), cv::INTER_LINEAR, cv::BORDER_REPLICATE);
   cv::remap(r.right, right, place, cv::noArray(), cv::INTER_LINEAR, cv::BORDER_REPLICATE);
+  *gain = gain_of(seen, picture, mask);
   for (int y = 0; y < r.work; y++)
     for (int x = 0; x < r.work; x++)
       if (mask.at<uchar>(y, x) != 0)
-        add_pixel(normal, cell_of(y, x, r.work), seen.at<cv::Vec3f>(y, x) - picture.at<cv::Vec3f>(y, x),
+        add_pixel(normal, cell_of(y, x, r.work), seen.at<cv::Vec3f>(y, x) - picture.at<cv::Vec3f>(y, x) * float(*gain),
                   down.at<cv::Vec3f>(y, x), right.at<cv::Vec3f>(y, x));
   add_stiffness(normal, r.stiffness, control);
   const Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>> solver(normal.matrix.sparseView());
@@ -228,7 +252,8 @@ bool improve(const ern_body_reference &r, const cv::Mat &picture, const cv::Mat 
   return true;
 }
 
-bool find(const ern_body_reference &r, const Body &body, cv::Mat &control) {
+/* *gain: by what the frame's colours are multiplied to be as bright as the reference. */
+bool find(const ern_body_reference &r, const Body &body, cv::Mat &control, double *gain) {
   const cv::Mat grey = grey_of(body.picture);
   cv::Mat flow, smooth, inner;
   r.flow->calc(grey, r.grey, flow);
@@ -236,7 +261,7 @@ bool find(const ern_body_reference &r, const Body &body, cv::Mat &control) {
   cv::GaussianBlur(body.picture, smooth, cv::Size(0, 0), blur);
   cv::erode(body.mask, inner, cv::Mat(), cv::Point(-1, -1), 2);
   for (int step = 0; step < steps; step++)
-    if (!improve(r, smooth, inner, control)) return false;
+    if (!improve(r, smooth, inner, control, gain)) return false;
   return true;
 }
 
@@ -283,13 +308,14 @@ ern_status ern_body_reference_add(ern_body_reference *r, const uint8_t *rgba, co
   return ern_layers_guarded(r->context, [&] {
     cv::Mat control;
     const Body body = body_of(*r, rgba, parts);
-    if (!find(*r, body, control)) return ERN_OK;
+    double gain = 1;
+    if (!find(*r, body, control, &gain)) return ERN_OK;
     for (int y = 0; y < r->work; y++)
       for (int x = 0; x < r->work; x++) {
         if (body.mask.at<uchar>(y, x) == 0) continue;
         const cv::Vec2d by = moved_by(control, cell_of(y, x, r->work));
         if (std::isfinite(by[0]) && std::isfinite(by[1]) && std::fabs(by[0]) < r->work && std::fabs(by[1]) < r->work)
-          splat(*r, y + by[0], x + by[1], body.picture.at<cv::Vec3f>(y, x));
+          splat(*r, y + by[0], x + by[1], body.picture.at<cv::Vec3f>(y, x) * float(gain));
       }
     return ERN_OK;
   });
@@ -312,7 +338,8 @@ ern_status ern_body_reference_find(ern_body_reference *r, const uint8_t *rgba, c
                                    float motion[ERN_MOTION_VALUES], bool *found) {
   return ern_layers_guarded(r->context, [&] {
     cv::Mat control;
-    *found = find(*r, body_of(*r, rgba, parts), control);
+    double gain = 1;
+    *found = find(*r, body_of(*r, rgba, parts), control, &gain);
     for (int i = 0; i < ERN_MOTION_VALUES && *found; i++) {
       motion[i] = float(control.at<cv::Vec2d>(i % points)[i / points] * 2 / r->work);
       *found = std::isfinite(motion[i]) && std::fabs(motion[i]) < 2;

@@ -16,14 +16,16 @@ extern "C" {
 
 namespace {
 
-constexpr int most_work = 256;              /* pixels a side of the pictures that are compared */
-constexpr size_t most_points = 8000;        /* more are slower and tell hardly more */
-constexpr double hair = 1.3;                /* how far outside of the ellipsoid points are taken, its radius is 1 */
-constexpr double blur = 0.8;                /* pixels of work */
-constexpr double outlier = 133;             /* squared grey levels at which a pixel has half of the weight */
-constexpr double change = 33;               /* variance of a point over frames at which it has half of the weight */
-constexpr double noise = 1;                 /* variance of a point that shows nothing */
-constexpr int steps = 4;                    /* of Gauss-Newton */
+constexpr int most_work = 256;       /* pixels a side of the pictures that are compared */
+constexpr size_t most_points = 8000; /* more are slower and tell hardly more */
+constexpr double hair = 1.3;         /* how far outside of the ellipsoid points are taken, its radius is 1 */
+constexpr double blur = 0.8;         /* pixels of work */
+constexpr double outlier = 133;      /* squared grey levels at which a pixel has half of the weight */
+constexpr double change = 33;        /* variance of a point over frames at which it has half of the weight */
+constexpr double noise = 1;          /* variance of a point that shows nothing */
+constexpr int steps = 4;             /* of Gauss-Newton */
+constexpr int gain_rounds = 4;
+constexpr double most_gain = 4;             /* of the light of a frame */
 constexpr double most_turn = 0.02;          /* of a step, radians */
 constexpr double least_inside = 0.5;        /* share of the weights whose points the picture shows */
 constexpr double most_change[] = {10, 0.1}; /* of a refined pose: degrees, share of the depth */
@@ -85,7 +87,8 @@ struct ern_pose_align {
   Pose reference;
   /* [points], of the frames that are added: where the frame shows the point, and where the reference does */
   std::vector<Levels> moving, still;
-  std::vector<double> mean, steady; /* [points]: grey level; weight, 0..1 */
+  std::vector<double> mean, steady; /* [points]: grey level, at first that of one frame; weight, 0..1 */
+  bool has_mean = false;
   size_t added = 0;
 };
 
@@ -119,6 +122,25 @@ double level_of(const ern_pose_align &a, const Picture &picture, const Pose &pos
   return double(sample(picture.grey, std::clamp(u, 0.0, last), std::clamp(v, 0.0, last)));
 }
 
+/* By what the picture's grey levels are multiplied to be as bright as the mean picture; hidden points count little. */
+double gain_of(const ern_pose_align &a, const Picture &picture, const Pose &pose) {
+  double gain = 1;
+  for (int round = 0; round < gain_rounds; round++) {
+    double sum = 0, wanted = 0;
+    for (size_t k = 0; k < a.points.size(); k++) {
+      double u, v;
+      if (!place_of(a, pose.rotation * a.points[k] + pose.translation, u, v)) continue;
+      const double level = double(sample(picture.grey, u, v)), off = gain * level - a.mean[k];
+      const double weight = a.steady[k] / (1 + off * off / outlier);
+      sum += weight * level;
+      wanted += weight * a.mean[k];
+    }
+    if (!(sum > 0 && wanted > 0)) return 1;
+    gain = std::clamp(wanted / sum, 1 / most_gain, most_gain);
+  }
+  return gain;
+}
+
 using Vector6 = Eigen::Matrix<double, 6, 1>;
 using Matrix6 = Eigen::Matrix<double, 6, 6>;
 
@@ -141,13 +163,16 @@ struct Fit {
 
 /* Adds what the picture says. */
 void add_picture(const ern_pose_align &a, const Picture &picture, const Pose &pose, Fit &fit) {
+  const double gain = gain_of(a, picture, pose);
   for (size_t k = 0; k < a.points.size(); k++) {
     const Eigen::Vector3d seen = pose.rotation * a.points[k] + pose.translation;
     double u, v;
     fit.all += a.steady[k];
     if (!place_of(a, seen, u, v)) continue;
-    const double off = double(sample(picture.grey, u, v)) - a.mean[k], weight = a.steady[k] / (1 + off * off / outlier);
-    const double across = double(sample(picture.right, u, v)), along = -double(sample(picture.down, u, v));
+    const double off = gain * double(sample(picture.grey, u, v)) - a.mean[k];
+    const double weight = a.steady[k] / (1 + off * off / outlier);
+    const double across = gain * double(sample(picture.right, u, v)),
+                 along = -gain * double(sample(picture.down, u, v));
     const double scale = a.focal / -seen[2];
     fit.add(seen, scale * Eigen::Vector3d(across, along, (across * seen[0] + along * seen[1]) / -seen[2]), off, weight);
     fit.texture += weight * (across * across + along * along);
@@ -230,7 +255,7 @@ extern "C" ern_status ern_pose_align_make(ern_context *context, int side, double
     for (size_t k = 0; k < points.size(); k += every) made->points.push_back(points[k]);
     made->reference = pose_of(*reference);
     made->mean.assign(made->points.size(), 0);
-    made->steady = made->mean;
+    made->steady.assign(made->points.size(), 1);
     made->moving.assign(made->points.size(), Levels());
     made->still = made->moving;
     *align = made.release();
@@ -243,9 +268,13 @@ extern "C" ern_status ern_pose_align_add(struct ern_pose_align *align, const uin
   return guarded(align->context, [&] {
     const Picture picture = picture_of(*align, grey);
     const Pose at = pose_of(*pose);
+    for (size_t k = 0; k < align->points.size() && !align->has_mean; k++)
+      align->mean[k] = level_of(*align, picture, at, align->points[k]);
+    align->has_mean = true;
+    const double gain = gain_of(*align, picture, at);
     for (size_t k = 0; k < align->points.size(); k++) {
-      align->moving[k].add(level_of(*align, picture, at, align->points[k]));
-      align->still[k].add(level_of(*align, picture, align->reference, align->points[k]));
+      align->moving[k].add(gain * level_of(*align, picture, at, align->points[k]));
+      align->still[k].add(gain * level_of(*align, picture, align->reference, align->points[k]));
     }
     align->added++;
     return ERN_OK;
