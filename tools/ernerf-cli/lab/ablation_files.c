@@ -81,8 +81,9 @@ json_t *ablation_json(const struct ablation *ablation) {
   return json_pack("{s:o, s:i, s:i, s:I, s:I, s:i, s:o, s:I, s:s, s:s, s:s, s:i, s:o, s:o}", "clip",
                    session_text(ablation->clip), "width", ablation->width, "height", ablation->height, "frames",
                    (json_int_t)ablation->frames, "iters", (json_int_t)ablation->iters, "rays", ablation->rays, "lr_net",
-                   session_number((double)ablation->lr_net), "seed", (json_int_t)ablation->seed, "processor", ablation->processor, "backend",
-                   ablation->backend, "isa", ablation->isa, "threads", ablation->threads, "rows", rows, "collisions",
+                   session_number((double)ablation->lr_net), "seed", (json_int_t)ablation->seed, "processor",
+                   ablation->processor, "backend", ablation->backend, "isa", ablation->isa, "threads",
+                   ablation->threads, "rows", rows, "collisions",
                    ablation->counted ? collisions_json(&ablation->collisions) : json_null());
 }
 
