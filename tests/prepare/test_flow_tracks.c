@@ -139,7 +139,8 @@ static void test_regions(void **state) {
     const ern_status status =
         ern_flow_reference_make(context, "clip", first, SIDE, regions[i].region, keep_left, &wide, &reference);
     if (!regions[i].fine) {
-      support_expect(context, status, ERN_E_SHAPE, "clip: ", "region", "at least 32", NULL);
+      support_expect(context, status, ERN_E_SHAPE, "clip: ", "region", "at least 32 a side: where the head leaves",
+                     NULL);
     } else {
       support_ok(context, status);
       assert_in_range(ern_flow_reference_points(reference, &points), 1, 4096);

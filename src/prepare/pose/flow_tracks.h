@@ -18,8 +18,8 @@ struct ern_flow_region {
 struct ern_flow_reference;
 
 /* Chooses points every few pixels of the region where the grey picture [side][side] has texture; `keep` filters them.
- * path: named in messages. The caller owns *reference. */
-ERN_NODISCARD ern_status ern_flow_reference_make(ern_context *context, const char *path, const uint8_t *grey, int side,
+ * where: what a message begins with. The caller owns *reference. */
+ERN_NODISCARD ern_status ern_flow_reference_make(ern_context *context, const char *where, const uint8_t *grey, int side,
                                                  struct ern_flow_region region,
                                                  bool (*keep)(const void *user, float x, float y), const void *user,
                                                  struct ern_flow_reference **reference);

@@ -120,7 +120,7 @@ void find(struct ern_flow_reference *r, const cv::Mat &frame, double warp[4], fl
 
 }  // namespace
 
-extern "C" ern_status ern_flow_reference_make(ern_context *context, const char *path, const uint8_t *grey, int side,
+extern "C" ern_status ern_flow_reference_make(ern_context *context, const char *where, const uint8_t *grey, int side,
                                               struct ern_flow_region region,
                                               bool (*keep)(const void *user, float x, float y), const void *user,
                                               struct ern_flow_reference **reference) {
@@ -134,8 +134,10 @@ extern "C" ern_status ern_flow_reference_make(ern_context *context, const char *
                    cv::Rect(0, 0, side, side);
     const int longer = std::max(made->region.width, made->region.height);
     if (std::min(made->region.width, made->region.height) < 32)
-      return ern_fail(context, ERN_E_SHAPE, "%s: the face's region is %d x %d pixels, expected at least 32 a side",
-                      path, made->region.width, made->region.height);
+      return ern_fail(context, ERN_E_SHAPE,
+                      "%s: the face's region is %d x %d pixels, expected at least 32 a side: where the head "
+                      "leaves the picture, --from and --to choose a part without it",
+                      where, made->region.width, made->region.height);
     made->scale = std::min(static_cast<double>(wanted_side) / longer, most_scale);
     make(made, cv::Mat(side, side, CV_8UC1, const_cast<uint8_t *>(grey)), keep, user);
     return ERN_OK;

@@ -80,12 +80,14 @@ static bool is_rigid(const void *user, float x, float y) {
 static ern_status add_reference(struct tracking *t, size_t frame) {
   struct wanted wanted = {.tracking = t, .pose = t->poses[frame]};
   double box[4];
+  char where[4096];
   ern_status status = ERN_OK;
+  ern_format(where, sizeof where, "%s: frame %zu", t->job->folder, frame);
   ERN_TRY(ern_frame_grey(t->job, frame, t->grey));
   ern_head_box(&wanted.pose, t->job->focal, t->centre, box);
   const struct ern_flow_region region = {(float)box[0], (float)box[1], (float)(box[2] - box[0]),
                                          (float)(box[3] - box[1])};
-  ERN_TRY(ern_flow_reference_make(t->job->context, t->job->folder, t->grey, t->job->side, region, is_rigid, &wanted,
+  ERN_TRY(ern_flow_reference_make(t->job->context, where, t->grey, t->job->side, region, is_rigid, &wanted,
                                   &t->references[t->count]));
   const float(*points)[2] = NULL;
   t->at[t->count] = frame;
