@@ -27,13 +27,16 @@ static GstPadProbeReturn take_report(GstPad *pad, GstPadProbeInfo *info, gpointe
   const gint64 now = g_get_monotonic_time();
   GstMapInfo map;
   (void)pad;
-  if (!(info->type & GST_PAD_PROBE_TYPE_BUFFER) || !gst_buffer_map(info->data, &map, GST_MAP_READ))
-    return GST_PAD_PROBE_DROP;
-  const bool admitted = webrtc_reports_admit(&v->reports, map.data, map.size, own, now);
+  if (!(info->type & GST_PAD_PROBE_TYPE_BUFFER)) return GST_PAD_PROBE_DROP;
+  info->data = gst_buffer_make_writable(GST_PAD_PROBE_INFO_BUFFER(info));
+  if (!gst_buffer_map(info->data, &map, GST_MAP_READWRITE)) return GST_PAD_PROBE_DROP;
+  const ptrdiff_t kept = webrtc_reports_filter(&v->reports, map.data, map.size, own, now);
   gst_buffer_unmap(info->data, &map);
-  if (admitted) atomic_store(&v->reported, now);
+  if (kept >= 0) atomic_store(&v->reported, now);
   if (v->reports.excess) atomic_store(&v->ends, true);
-  return admitted ? GST_PAD_PROBE_OK : GST_PAD_PROBE_DROP;
+  if (kept <= 0) return GST_PAD_PROBE_DROP;
+  gst_buffer_set_size(info->data, kept);
+  return GST_PAD_PROBE_OK;
 }
 
 /* Packets of RTP (RFC 5761, 4), which no viewer sends: libsrtp keeps memory for each source of them, and GStreamer

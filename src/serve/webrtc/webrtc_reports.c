@@ -1,11 +1,16 @@
 /* SPDX-License-Identifier: MIT
  * What comes from a viewer. libsrtp and GStreamer keep memory for every source that a report is of, and GStreamer sends
  * a packet again as often as reports ask for it. */
+#include <string.h>
+
 #include "serve/webrtc/webrtc_shared.h"
 
 enum {
   HEAD = 8 /* bytes: version and count, type, length in words less one, sender */,
   FIRST_LOST = 12,
+  BLOCK = 24 /* bytes that a receiver says of a source */,
+  PADDED = 32,
+  RECEIVER = 201,
   NACK = 205,
   GENERIC = 1,
   SHARE = 1000 /* reports and packets asked for again, in a second on average */
@@ -25,7 +30,7 @@ static bool is_known(struct webrtc_reports *r, guint32 sender) {
 /* Packets that the report asks for again: a number, and a mask of those behind it. */
 static gint64 asked_again(const guint8 *report, size_t bytes) {
   gint64 asked = 0;
-  if (report[1] != NACK || (report[0] & 31) != GENERIC) return 0;
+  if (report[1] != NACK) return 0;
   for (size_t at = FIRST_LOST; at + 4 <= bytes; at += 4) {
     asked++;
     for (guint32 mask = word(report + at) & 0xffff; mask != 0; mask &= mask - 1) asked++;
@@ -33,20 +38,29 @@ static gint64 asked_again(const guint8 *report, size_t bytes) {
   return asked;
 }
 
-bool webrtc_reports_admit(struct webrtc_reports *r, const guint8 *bytes, size_t count, const guint32 own[2],
-                          gint64 now) {
+/* Of the reports only those on losses: of others, such as farewells, some make GStreamer stand still. */
+static bool is_passed_on(const guint8 *report, size_t bytes) {
+  if (report[1] == RECEIVER) return bytes >= HEAD + BLOCK * (size_t)(report[0] & 31);
+  return report[1] == NACK && (report[0] & 31) == GENERIC && bytes > FIRST_LOST;
+}
+
+ptrdiff_t webrtc_reports_filter(struct webrtc_reports *r, guint8 *bytes, size_t count, const guint32 own[2],
+                                gint64 now) {
   gint64 cost = 1;
-  size_t at = 0, length = 0;
+  size_t at = 0, length = 0, kept = 0;
   for (; at + 4 <= count; at += length) {
     length = 4 * ((size_t)bytes[at + 2] << 8 | bytes[at + 3]) + 4;
-    if (bytes[at] >> 6 != 2 || length > count - at) return false;
+    if (bytes[at] >> 6 != 2 || length > count - at) return -1;
     if (length < HEAD) continue; /* a list of no sources */
     const guint32 sender = word(bytes + at + 4);
-    if (sender == own[0] || sender == own[1] || !is_known(r, sender)) return false;
+    if (sender == own[0] || sender == own[1] || !is_known(r, sender)) return -1;
+    if ((bytes[at] & PADDED) != 0 || !is_passed_on(bytes + at, length)) continue;
     cost += asked_again(bytes + at, length);
+    memmove(bytes + kept, bytes + at, length);
+    kept += length;
   }
   const gint64 due = MAX(r->due, now);
-  if (at != count || due > now + G_USEC_PER_SEC) return false;
+  if (at != count || due > now + G_USEC_PER_SEC) return -1;
   r->due = due + cost * G_USEC_PER_SEC / SHARE;
-  return true;
+  return (ptrdiff_t)kept;
 }

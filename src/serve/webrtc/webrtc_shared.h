@@ -111,9 +111,10 @@ bool webrtc_receiver_is_offered(struct ern_webrtc_viewer *viewer);
 
 /* ---- webrtc_reports.c ---- */
 
-/* Whether GStreamer may have these reports (RTCP). own: the sources of the viewer's tracks. */
-bool webrtc_reports_admit(struct webrtc_reports *reports, const guint8 *bytes, size_t count, const guint32 own[2],
-                          gint64 now);
+/* The reports (RTCP) that GStreamer may have, at the beginning of `bytes`: their length, -1: all are refused. own: the
+ * sources of the viewer's tracks. */
+ptrdiff_t webrtc_reports_filter(struct webrtc_reports *reports, guint8 *bytes, size_t count, const guint32 own[2],
+                                gint64 now);
 
 /* ---- webrtc_room.c ---- */
 

@@ -7,6 +7,7 @@ import ctypes
 import hashlib
 import hmac
 import os
+import random
 import re
 import select
 import shutil
@@ -163,10 +164,11 @@ def main():
             sys.exit(77)
         test_certificate(server)
         test_media(server, own)
+        test_reports(server, own)
         test_requests(server, own)
         test_sources(server, own)
     test_files(own)
-    print("serve_hostile_viewer: another's certificate, media, requests for lost packets, sources, no files left")
+    print("serve_hostile_viewer: another's certificate, media, reports, requests for lost packets, sources, no files left")
 
 
 def test_certificate(server):
@@ -187,6 +189,26 @@ def test_media(server, own):
     for one in viewer, other:
         one.numbers.clear()
         watched(server, one, "after media")
+    for one in viewer, other:
+        one.leave()
+
+
+def test_reports(server, own):
+    """Reports of any kind and content stop neither it nor another."""
+    viewer, other = Viewer(server, own), Viewer(server, own)
+    watched(server, viewer, "a viewer")
+    made = random.Random(1)
+    for k in range(4000):
+        packet = b""
+        for _ in range(made.randrange(1, 6)):
+            body = made.choice([made.randbytes(4 * made.randrange(50)), struct.pack(">IIII", viewer.source, 2**32 - 1, made.getrandbits(32), 0) * made.randrange(4)])
+            packet += struct.pack(">BBHI", 0x80 | made.randrange(32), made.choice([200, 201, 202, 203, 204, 205, 206, 207]), 1 + len(body) // 4, OWN) + body
+        viewer.send(packet[:1400])
+        if k % 10 == 0:
+            viewer.look(0.005)
+    for one in viewer, other:
+        one.numbers.clear()
+        watched(server, one, "after reports")
     for one in viewer, other:
         one.leave()
 
