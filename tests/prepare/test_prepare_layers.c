@@ -267,6 +267,55 @@ static void test_supplied(void **state) {
   free(rgb);
 }
 
+enum { LEAN_FIRST = 12, LEAN_LAST = 17 }; /* frames in which the person leans toward the camera */
+/* Divides the head's distance in them by `factor`. */
+static void lean(double factor) {
+  for (int file = 0; file < 2; file++) {
+    const char *path = file == 0 ? "clip/transforms_train.json" : "clip/transforms_val.json";
+    json_t *root = json_load_file(path, 0, NULL), *frame;
+    size_t i;
+    assert_non_null(root);
+    json_array_foreach(json_object_get(root, "frames"), i, frame) {
+      const json_int_t id = json_integer_value(json_object_get(frame, "img_id"));
+      const json_t *matrix = json_object_get(frame, "transform_matrix");
+      for (size_t r = 0; r < 3 && id >= LEAN_FIRST && id <= LEAN_LAST; r++) {
+        json_t *row = json_array_get(matrix, r);
+        json_array_set_new(row, 3, json_real(json_number_value(json_array_get(row, 3)) / factor));
+      }
+    }
+    assert_int_equal(json_dump_file(root, path, 0), 0);
+    json_decref(root);
+  }
+}
+
+/* A person who leans toward the camera takes more of the picture, and is there; a mask alone that is larger is wrong.
+ */
+static void test_leaning(void **state) {
+  struct truth *t = *state;
+  struct run run = {.options = ern_prepare_options_default()};
+  run.options.masks = "near";
+  run.options.head_only = true;
+  mkdir("near", 0755);
+  uint8_t *rgb = calloc(3, (size_t)pixels);
+  assert_non_null(rgb);
+  const ern_image image = {.width = side, .height = side, .channels = 3, .data = rgb};
+  for (int f = 0; f < FRAMES; f++) { /* a head of 1/4 or 0.4 of the picture */
+    const int edge = f >= LEAN_FIRST && f <= LEAN_LAST ? side * 63 / 100 : side / 2;
+    memset(rgb, 255, 3 * (size_t)pixels);
+    for (int k = 0; k < edge * edge; k++)
+      memcpy(rgb + 3 * (k / edge * side + k % edge), (const uint8_t[3]){0, 0, 255}, 3);
+    support_ok(t->context, ern_image_write(t->context, name_of("near", "%d.png", f), &image, 100));
+  }
+  support_ok(t->context, run_layers(&run, t->context, FRAMES));
+  if (strstr(run.verdict.words, "in 6 of 22 frames, the first is 12, the person takes 39 %") == NULL)
+    fail_msg("larger masks: %s", run.verdict.words);
+  lean(sqrt(1.58));
+  support_ok(t->context, run_layers(&run, t->context, FRAMES));
+  if (strstr(run.verdict.words, "the person takes") != NULL) fail_msg("leaning: %s", run.verdict.words);
+  lean(1 / sqrt(1.58));
+  free(rgb);
+}
+
 /* A picture of the place is cut as the video was, also where it is larger, and one of another form is refused. */
 static void test_background(void **state) {
   struct truth *t = *state;
@@ -493,11 +542,11 @@ static void test_nothing_long(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_truth),          cmocka_unit_test(test_no_shoulders_long),
-                                     cmocka_unit_test(test_supplied),       cmocka_unit_test(test_background),
-                                     cmocka_unit_test(test_camera),         cmocka_unit_test(test_banner_long),
-                                     cmocka_unit_test(test_changing_place), cmocka_unit_test(test_light),
-                                     cmocka_unit_test(test_cancel),         cmocka_unit_test(test_cluttered_long),
-                                     cmocka_unit_test(test_key_long),       cmocka_unit_test(test_nothing_long)};
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test(test_truth),       cmocka_unit_test(test_no_shoulders_long), cmocka_unit_test(test_supplied),
+      cmocka_unit_test(test_leaning),     cmocka_unit_test(test_background),        cmocka_unit_test(test_camera),
+      cmocka_unit_test(test_banner_long), cmocka_unit_test(test_changing_place),    cmocka_unit_test(test_light),
+      cmocka_unit_test(test_cancel),      cmocka_unit_test(test_cluttered_long),    cmocka_unit_test(test_key_long),
+      cmocka_unit_test(test_nothing_long)};
   return cmocka_run_group_tests(tests, make_truth, free_truth);
 }

@@ -18,7 +18,8 @@ enum { EXAMPLES = 30, VOTES = 5, QUALITY = 95 };
 /* Metres. Where the picture's lower edge is shoulders_below or more under the middle of the head, a person is wider
  * there than twice half_shoulders. Half a head is 0.075 wide. */
 static const double shoulders_below = 0.15, half_shoulders = 0.11;
-/* The person's share of the picture, relative to its median over the frames. Of seven people it was 0.9 to 1.2. */
+/* The person's share of the picture, or square metres, relative to the median over the frames. Of seven people the
+ * share was 0.9 to 1.2. */
 static const float least_area = 0.5F, most_area = 1.5F;
 
 struct voter { /* a frame with a mask, which waits for the masks of its neighbours */
@@ -321,17 +322,29 @@ static void check_shoulders(const struct layers *l) {
         l->narrow, l->low);
 }
 
-/* Detects frames in which the person is gone, or fills the picture. The jitter, which is read by then, is lost. */
+/* The square metres that the person takes at the distance of the head, times a constant. */
+static float near_area(const struct layers *l, size_t frame) {
+  const double distance = l->faces[frame].pose.translation[2];
+  return l->areas[frame] * (float)(distance * distance);
+}
+
+/* Detects frames in which the person is gone, or fills the picture: who leans toward the camera takes more of the
+ * picture, and no more square metres. The jitter, which is read by then, is lost. */
 static void check_areas(const struct layers *l) {
   const size_t frames = l->job->frames;
   size_t odd = 0, first = 0;
   for (size_t f = 0; f < frames; f++) l->jitter[f] = l->areas[f];
   const float usual = ern_quantile(l->jitter, frames, 0.5);
-  for (size_t f = frames; f-- > 0;)
-    if (l->areas[f] < least_area * usual || l->areas[f] > most_area * usual) {
+  for (size_t f = 0; f < frames; f++) l->jitter[f] = near_area(l, f);
+  const float near = ern_quantile(l->jitter, frames, 0.5);
+  for (size_t f = frames; f-- > 0;) {
+    const float area = l->areas[f], metres = near_area(l, f);
+    if ((area < least_area * usual && metres < least_area * near) ||
+        (area > most_area * usual && metres > most_area * near)) {
       first = f;
       odd++;
     }
+  }
   ern_prepare_figure(l->job, "odd_areas", (double)odd / (double)frames);
   if (odd > 0)
     ern_prepare_add_reason(
