@@ -69,17 +69,42 @@ bool ern_file_is_temporary(const char *name) {
   return length > tail && strcmp(name + length - tail, suffix) == 0;
 }
 
+/* Whether the folder of `path` lets this user make a file there and give it that name. `there`: the file that it has,
+ * or NULL. In a folder with the sticky bit, such as /tmp, a file is replaced by its owner alone. */
+static ern_status check_folder(ern_context *context, const char *path, const struct stat *there) {
+  ern_status status = ERN_OK;
+  char *folder = NULL;
+  struct stat about;
+  ERN_TRY(follow_links(context, path, &folder));
+  const size_t length = folder_length(folder);
+  folder[length] = 0;
+  const char *name = length > 0 ? folder : ".";
+  if (stat(name, &about) == 0) { /* a folder that is missing may be made later */
+    if (faccessat(AT_FDCWD, name, W_OK | X_OK, AT_EACCESS) != 0) ERN_TRY(ern_file_fail(context, path, "write"));
+    const uid_t user = geteuid();
+    if (there != NULL && (about.st_mode & S_ISVTX) != 0 && user != 0 && user != there->st_uid && user != about.st_uid)
+      ERN_TRY(ern_fail(context, ERN_E_IO,
+                       "%s: cannot write: the file is another user's, in a folder where each user replaces only their "
+                       "own",
+                       path));
+  }
+fail:
+  ern_release(context, folder);
+  return status;
+}
+
 ern_status ern_file_check_replaceable(ern_context *context, const char *path) {
   struct stat about;
   if (path[0] == 0) return ern_fail(context, ERN_E_ARGUMENT, "the path of a file to write is empty");
   if (stat(path, &about) != 0) /* without an entry of that name there is nothing to replace */
-    return errno == ENOENT ? ERN_OK : ern_fail(context, ERN_E_IO, "%s: cannot write: %s", path, strerror(errno));
+    return errno == ENOENT ? check_folder(context, path, NULL)
+                           : ern_fail(context, ERN_E_IO, "%s: cannot write: %s", path, strerror(errno));
   if (!S_ISREG(about.st_mode))
     return ern_fail(context, ERN_E_IO, "%s: is a %s, expected a regular file or nothing", path,
                     S_ISDIR(about.st_mode) ? "folder" : "device or pipe");
-  if (access(path, W_OK) != 0 && errno == EACCES)
+  if (access(path, W_OK) != 0 && (errno == EACCES || errno == EPERM))
     return ern_fail(context, ERN_E_IO, "%s: cannot write: the file is write-protected", path);
-  return ERN_OK;
+  return check_folder(context, path, &about);
 }
 
 static ern_status refuse_existing(ern_context *context, const char *path) {

@@ -61,6 +61,25 @@ static void test_exchanged(void **state) {
   ern_context_free(&context);
 }
 
+/* A link to a disk that is not there: without au.csv the head would not blink, without ori_imgs it would learn no
+ * mouth. */
+static void test_links_to_nothing(void **state) {
+  (void)state;
+  static const char *const names[] = {"made/au.csv", "made/ori_imgs", "made/torso_imgs"};
+  ern_context *context = open_made();
+  for (size_t i = 0; i < sizeof names / sizeof *names; i++) {
+    ern_clip *clip = NULL;
+    assert_int_equal(rename(names[i], "moved"), 0);
+    support_ok(context, ern_clip_open(context, "made", NULL, &clip));
+    ern_clip_free(&clip);
+    assert_int_equal(symlink("nowhere", names[i]), 0);
+    support_expect(context, ern_clip_open(context, "made", NULL, &clip), ERN_E_MISSING, names[i], NULL);
+    assert_int_equal(unlink(names[i]), 0);
+    assert_int_equal(rename("moved", names[i]), 0);
+  }
+  ern_context_free(&context);
+}
+
 static void ignore(void *user, int ok, const char *sentence) { (void)user, (void)ok, (void)sentence; }
 
 static void expect_motion_refused(ern_context *context, const float *motion, int dims, const size_t *shape,
@@ -128,7 +147,7 @@ static void test_two_of_one_frame(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_exchanged), cmocka_unit_test(test_motion),
-                                     cmocka_unit_test(test_two_of_one_frame)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_exchanged), cmocka_unit_test(test_links_to_nothing),
+                                     cmocka_unit_test(test_motion), cmocka_unit_test(test_two_of_one_frame)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -397,6 +397,32 @@ static void test_owner(void **state) {
   assert_true(about.st_uid == 1000 && about.st_gid == 2000 && (about.st_mode & 07777) == 0640);
 }
 
+/* Outputs are checked before the work: what cannot be put in place at its end is refused. */
+static void test_folder_of_others(void **state) {
+  (void)state;
+  if (geteuid() != 0) skip();
+  support_clear("shared");
+  support_clear("closed");
+  assert_int_equal(mkdir("shared", 0755) | mkdir("closed", 0755), 0);
+  support_write_text("shared/theirs", "old");
+  support_write_text("closed/open", "old");
+  assert_int_equal(chmod("shared/theirs", 0666), 0);
+  assert_int_equal(chmod("closed/open", 0666), 0);
+  assert_int_equal(chmod("shared", 01777), 0);
+  assert_int_equal(chmod("closed", 0555), 0);
+  assert_int_equal(symlink("../shared/theirs", "d/to_theirs"), 0);
+  assert_int_equal(seteuid(1000), 0);
+  const ern_status free_name = ern_file_check_output(context, "shared/ours");
+  support_expect(context, ern_file_check_output(context, "shared/theirs"), ERN_E_IO, "another user's", NULL);
+  support_expect(context, ern_file_check_output(context, "d/to_theirs"), ERN_E_IO, "another user's", NULL);
+  support_expect(context, ern_file_check_output(context, "closed/open"), ERN_E_IO, "Permission denied", NULL);
+  support_expect(context, ern_file_check_output(context, "closed/new"), ERN_E_IO, "Permission denied", NULL);
+  assert_int_equal(seteuid(0), 0);
+  support_ok(context, free_name);
+  support_ok(context, ern_file_check_output(context, "shared/theirs"));
+  assert_int_equal(unlink("d/to_theirs"), 0);
+}
+
 static ern_status write_pair(ern_context *metered) {
   static const char *const paths[] = {"d/one", "d/two"};
   const void *const bytes[] = {"new", "new"};
@@ -432,6 +458,7 @@ int main(void) {
                                      cmocka_unit_test_setup_teardown(test_devices, start, end),
                                      cmocka_unit_test_setup_teardown(test_rights_of_a_leftover, start, end),
                                      cmocka_unit_test_setup_teardown(test_owner, start, end),
+                                     cmocka_unit_test_setup_teardown(test_folder_of_others, start, end),
                                      cmocka_unit_test_setup_teardown(test_no_memory, start, end)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: MIT */
+#include <errno.h>
 #include <inttypes.h>
 #include <math.h>
 #include <stdio.h>
@@ -23,11 +24,13 @@ ern_status ern_clip_path(ern_context *context, const char *folder, enum ern_clip
   return ern_path_join(context, folder, ern_clip_content(content), path);
 }
 
+/* A link without a target, and what cannot be looked up, such as a file on a disk that fails, are there: opening them
+ * gives the error. Taken for missing, the clip would be used without them. */
 static ern_status is_there(ern_context *context, const char *folder, const char *name, bool *there) {
   char *path = NULL;
   struct stat about;
   const ern_status status = ern_path_join(context, folder, name, &path);
-  *there = status == ERN_OK && stat(path, &about) == 0;
+  *there = status == ERN_OK && (lstat(path, &about) == 0 || (errno != ENOENT && errno != ENOTDIR));
   ern_release(context, path);
   return status;
 }
