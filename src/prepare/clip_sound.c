@@ -13,13 +13,13 @@
 enum {
   RATE = ERN_PREPARE_SOUND_RATE,
   BLOCK = RATE / 50,
-  BLOCKS = 10,      /* of a loud stretch */
-  LEVELS = 128,     /* decibels of a block's sum of squares */
-  LEAST_SPREAD = 8, /* of them, between a tenth and 19 twentieths of the blocks: hiss has 5, a song 11, speech 18 */
-  MOST_LAG = 12,    /* frames */
-  SECOND = 25,      /* frames */
-  APART = 4,        /* frames between lags that compete */
-  FEWEST = 4 * 25,  /* frames for a measurement */
+  BLOCKS = 10,     /* of a loud stretch */
+  LEVELS = 128,    /* decibels of a block's sum of squares */
+  OVER_NOISE = 6,  /* of them, by which speech is louder than the quietest tenth of the blocks */
+  MOST_LAG = 12,   /* frames */
+  SECOND = 25,     /* frames */
+  APART = 4,       /* frames between lags that compete */
+  FEWEST = 4 * 25, /* frames for a measurement */
   ROWS = 16,
   WIDTH = 13 /* of a window of cepstra */
 };
@@ -70,25 +70,23 @@ static double energy_of(const ern_sound *sound, size_t block) {
   return sum;
 }
 
-/* Decibels that `share` of the blocks stay below. */
-static int level_of(const size_t blocks[LEVELS], size_t count, double share) {
-  size_t below = 0;
-  int level = 0;
-  while (level < LEVELS - 1 && (double)(below += blocks[level]) <= share * (double)count) level++;
-  return level;
-}
+static int decibels_of(double energy) { return (int)fmin(10 * log10(energy + 1), LEVELS - 1); }
 
 double ern_prepare_speech_share(const ern_sound *sound) {
   const size_t blocks = sound->frames / BLOCK;
   double loudest = 0, stretch = 0;
-  size_t spoken = 0, levels[LEVELS] = {0};
+  size_t spoken = 0, below = 0, levels[LEVELS] = {0};
+  int quiet = 0; /* decibels that a tenth of the blocks have at most */
   for (size_t b = 0; b < blocks; b++) {
     stretch += energy_of(sound, b) - (b >= BLOCKS ? energy_of(sound, b - BLOCKS) : 0);
     loudest = fmax(loudest, stretch / BLOCKS);
-    levels[(int)fmin(10 * log10(energy_of(sound, b) + 1), LEVELS - 1)]++;
+    levels[decibels_of(energy_of(sound, b))]++;
   }
-  if (level_of(levels, blocks, 0.95) - level_of(levels, blocks, 0.1) < LEAST_SPREAD) return 0;
-  for (size_t b = 0; b < blocks; b++) spoken += energy_of(sound, b) > 1e-3 * loudest;
+  while (quiet < LEVELS - 1 && 10 * (below += levels[quiet]) < blocks) quiet++;
+  for (size_t b = 0; b < blocks; b++) {
+    const double energy = energy_of(sound, b);
+    spoken += energy > 1e-3 * loudest && decibels_of(energy) >= quiet + OVER_NOISE;
+  }
   return blocks > 0 ? (double)spoken / (double)blocks : 0;
 }
 
