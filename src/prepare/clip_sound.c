@@ -14,6 +14,8 @@ enum {
   RATE = ERN_PREPARE_SOUND_RATE,
   BLOCK = RATE / 50,
   BLOCKS = 10,     /* of a loud stretch */
+  LEVELS = 128,    /* decibels of a block's sum of squares */
+  OVER_NOISE = 6,  /* of them, by which speech is louder than the quietest tenth of the blocks */
   MOST_LAG = 12,   /* frames */
   SECOND = 25,     /* frames */
   APART = 4,       /* frames between lags that compete */
@@ -68,15 +70,23 @@ static double energy_of(const ern_sound *sound, size_t block) {
   return sum;
 }
 
+static int decibels_of(double energy) { return (int)fmin(10 * log10(energy + 1), LEVELS - 1); }
+
 double ern_prepare_speech_share(const ern_sound *sound) {
   const size_t blocks = sound->frames / BLOCK;
   double loudest = 0, stretch = 0;
-  size_t spoken = 0;
+  size_t spoken = 0, below = 0, levels[LEVELS] = {0};
+  int quiet = 0; /* decibels that a tenth of the blocks have at most */
   for (size_t b = 0; b < blocks; b++) {
     stretch += energy_of(sound, b) - (b >= BLOCKS ? energy_of(sound, b - BLOCKS) : 0);
     loudest = fmax(loudest, stretch / BLOCKS);
+    levels[decibels_of(energy_of(sound, b))]++;
   }
-  for (size_t b = 0; b < blocks; b++) spoken += energy_of(sound, b) > 1e-3 * loudest;
+  while (quiet < LEVELS - 1 && 10 * (below += levels[quiet]) < blocks) quiet++;
+  for (size_t b = 0; b < blocks; b++) {
+    const double energy = energy_of(sound, b);
+    spoken += energy > 1e-3 * loudest && decibels_of(energy) >= quiet + OVER_NOISE;
+  }
   return blocks > 0 ? (double)spoken / (double)blocks : 0;
 }
 

@@ -65,6 +65,7 @@ static void test_speech_share(void **state) {
   assert_true(ern_prepare_speech_share(&sound) == 0);
   uint64_t seed = 3;
   for (size_t i = 0; i < count; i++) data[i] = (int16_t)lrint(20 * made_random(&seed)); /* noise, and 1 s of speech */
+  assert_true(ern_prepare_speech_share(&sound) == 0); /* hiss alone is no speech, however loud it is */
   for (size_t i = count / 2; i < count / 2 + ERN_PREPARE_SOUND_RATE; i++)
     data[i] = (int16_t)lrint(9000 * made_random(&seed));
   assert_true(fabs(ern_prepare_speech_share(&sound) - 0.1) < 0.01);
@@ -88,20 +89,25 @@ static void test_offset(void **state) {
   ern_context_free(&context);
 }
 
+static void write_video(ern_context *context, const char *path, size_t frames, const ern_sound *sound) {
+  static uint8_t rgba[64 * 64 * 4];
+  ern_video_options shape = ern_video_options_default(64, 64);
+  ern_video_writer *writer = NULL;
+  shape.sound = sound;
+  support_ok(context, ern_video_writer_open(context, path, &shape, &writer));
+  for (size_t i = 0; i < frames; i++) support_ok(context, ern_video_writer_frame(writer, rgba));
+  support_ok(context, ern_video_writer_close(&writer));
+}
+
 /* A video without sound has none to move, and its features are not said to stay behind. */
 static void test_offset_without_sound(void **state) {
   (void)state;
-  static uint8_t rgba[64 * 64 * 4];
-  const ern_video_options shape = ern_video_options_default(64, 64);
   double jaw[8] = {0};
   ern_features features = heard(jaw, 8);
-  ern_video_writer *writer = NULL;
   struct made_job m;
   made_job_open(&m, "clip", 64, 8);
   support_ok(m.job.context, ern_features_save(m.job.context, "own.npy", &features));
-  support_ok(m.job.context, ern_video_writer_open(m.job.context, "mute.mp4", &shape, &writer));
-  for (int i = 0; i < 8; i++) support_ok(m.job.context, ern_video_writer_frame(writer, rgba));
-  support_ok(m.job.context, ern_video_writer_close(&writer));
+  write_video(m.job.context, "mute.mp4", 8, NULL);
   m.job.video = "mute.mp4";
   m.options.features = "own.npy";
   m.options.sound_offset = "0.3";
@@ -110,8 +116,46 @@ static void test_offset_without_sound(void **state) {
   made_job_close(&m);
 }
 
+/* Landmarks of a face of 100 pixels, whose lips open and close by `gap` of its width. */
+static void write_lips(size_t frames, double gap) {
+  char path[64];
+  for (size_t i = 0; i < frames; i++) {
+    snprintf(path, sizeof path, "clip/ori_imgs/%zu.lms", i);
+    FILE *file = fopen(path, "w");
+    assert_non_null(file);
+    for (int k = 0; k < 68; k++) {
+      const double lower = k >= 65 ? 50 * gap * (1 + sin((double)i)) : 0;
+      fprintf(file, "%d %.4f\n", k == 16 ? 100 : 0, lower);
+    }
+    assert_int_equal(fclose(file), 0);
+  }
+}
+
+/* Lips that do not move are those of a person who does not speak, whatever is heard, and say nothing of a lag. */
+static void test_still_lips(void **state) {
+  (void)state;
+  enum { COUNT = 120, RATE = 16000 };
+  static int16_t samples[COUNT * RATE / 25];
+  const ern_sound sound = {.rate = RATE, .channels = 1, .frames = sizeof samples / sizeof *samples, .data = samples};
+  for (size_t i = 0; i < sound.frames; i++) samples[i] = (int16_t)(i / 3000 % 2 * (i % 160) * 100);
+  for (int moves = 0; moves < 2; moves++) {
+    struct made_job m;
+    made_job_open(&m, "clip", 64, COUNT);
+    assert_int_equal(mkdir("clip/ori_imgs", 0777), 0);
+    write_lips(COUNT, moves ? 0.03 : 0.01);
+    unlink("voice.mp4");
+    write_video(m.job.context, "voice.mp4", COUNT, &sound);
+    m.job.video = "voice.mp4";
+    support_ok(m.job.context, ern_prepare_features(&m.job));
+    if ((strstr(m.verdict.words, "the lips open by 1.0 % of the face's width") != NULL) != !moves)
+      fail_msg("%s", m.verdict.words);
+    made_job_close(&m);
+  }
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_lag), cmocka_unit_test(test_speech_share),
-                                     cmocka_unit_test(test_offset), cmocka_unit_test(test_offset_without_sound)};
+                                     cmocka_unit_test(test_offset), cmocka_unit_test(test_offset_without_sound),
+                                     cmocka_unit_test(test_still_lips)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }
