@@ -73,6 +73,17 @@ static int allow_formats(AVDictionary **options) {
   return error;
 }
 
+enum { MOST_CHUNK_BYTES = 1 << 24 };
+
+/* Whether the header of a sound file has no end. FFmpeg reads chunk after chunk behind the samples: gigabytes of zeros,
+ * as in a file whose space was reserved, are chunks of 8 bytes and take hours. */
+static int header_is_endless(void *user) {
+  static const char of_chunks[] = "aiff,caf,w64,wav";
+  const AVFormatContext *container = user;
+  return container->opaque == NULL && container->iformat != NULL && container->pb != NULL &&
+         av_match_list(container->iformat->name, of_chunks, ',') > 0 && container->pb->bytes_read > MOST_CHUNK_BYTES;
+}
+
 ern_status ern_av_open_file(ern_context *context, const char *path, AVFormatContext **container) {
   ern_status status = ERN_OK;
   char *url = NULL;
@@ -82,7 +93,18 @@ ern_status ern_av_open_file(ern_context *context, const char *path, AVFormatCont
   ERN_TRY(ern_av_url(context, path, &url));
   int error = av_dict_set(&options, "protocol_whitelist", "file", 0);
   if (error >= 0) error = allow_formats(&options);
-  if (error >= 0) error = avformat_open_input(container, url, NULL, &options);
+  *container = error >= 0 ? avformat_alloc_context() : NULL;
+  if (error >= 0 && *container == NULL) error = AVERROR(ENOMEM);
+  if (error >= 0) {
+    (*container)->interrupt_callback = (AVIOInterruptCB){header_is_endless, *container};
+    error = avformat_open_input(container, url, NULL, &options);
+  }
+  if (error >= 0 && header_is_endless(*container))
+    ERN_TRY(ern_fail(context, ERN_E_FORMAT,
+                     "%s: has over %d bytes of chunks that hold no sound, such as zeros after the samples; expected a "
+                     "file that ends with the samples",
+                     path, (int)MOST_CHUNK_BYTES));
+  if (error >= 0) (*container)->opaque = *container; /* the header is read */
   if (error == AVERROR(EINVAL))
     ERN_TRY(ern_fail(context, ERN_E_FORMAT, "%s: is a playlist or no sound or video at all", path));
   if (error < 0) ERN_TRY(ern_av_fail(context, ERN_E_FORMAT, path, "read it as sound or video", error));

@@ -342,6 +342,26 @@ static void write_many(const char *path, const char *head, const char *part, siz
   assert_int_equal(fclose(file), 0);
 }
 
+/* A sound in a file whose space was reserved: FFmpeg took 8 bytes of the zeros at a time, for hours. */
+static void test_zeros_after_sound(void **state) {
+  (void)state;
+  static const off_t sizes[] = {1 << 20, (off_t)1 << 40};
+  int16_t samples[1600] = {0};
+  ern_context *context = support_context();
+  const ern_sound made = {.data = samples, .frames = 1600, .rate = 16000, .channels = 1};
+  ern_sound sound = {0};
+  support_ok(context, ern_sound_write_wav(context, "reserved.wav", &made));
+  assert_int_equal(truncate("reserved.wav", sizes[0]), 0);
+  support_ok(context, ern_sound_read(context, "reserved.wav", &sound));
+  assert_int_equal(sound.frames, 1600);
+  ern_sound_free(context, &sound);
+  assert_int_equal(truncate("reserved.wav", sizes[1]), 0);
+  support_expect(context, ern_sound_read(context, "reserved.wav", &sound), ERN_E_FORMAT, "reserved.wav",
+                 "hold no sound", NULL);
+  assert_int_equal(truncate("reserved.wav", 0), 0);
+  ern_context_free(&context);
+}
+
 static void test_json(void **state) {
   (void)state;
   enum { MANY = 10000000 };
@@ -407,6 +427,6 @@ int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_no_files),      cmocka_unit_test(test_absurd_pictures),
                                      cmocka_unit_test(test_absurd_videos), cmocka_unit_test(test_holes),
                                      cmocka_unit_test(test_json),          cmocka_unit_test(test_model_of_words),
-                                     cmocka_unit_test(test_tables)};
+                                     cmocka_unit_test(test_tables),        cmocka_unit_test(test_zeros_after_sound)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

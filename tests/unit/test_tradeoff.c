@@ -319,6 +319,36 @@ static void test_plots(void **state) {
   plot_end();
 }
 
+/* Names of folders in another encoding, as ISO 8859-1, and one that ends within a character. */
+static void test_names_of_any_bytes(void **state) {
+  (void)state;
+  static const double x[] = {1, 2};
+  static const char *const labels[] = {
+      "stra\xdf"
+      "e",
+      "\xe2\x82"};
+  const struct plot_series series = {
+      .name = "\x95\\", .x = x, .y = x, .labels = labels, .count = 2, .mark = PLOT_DOT, .line = true};
+  const struct plot plot = {.title =
+                                "stra\xdf"
+                                "e",
+                            .x_label = "s",
+                            .y_label = "dB",
+                            .width = 400,
+                            .height = 300,
+                            .series = &series,
+                            .count = 1};
+  struct bytes bytes = {0};
+  char text[6];
+  assert_int_equal(plot_draw(&plot, PLOT_SVG, &bytes), 0);
+  bytes_free(&bytes);
+  assert_int_equal(plot_draw(&plot, PLOT_PNG, &bytes), 0);
+  bytes_free(&bytes);
+  plot_end();
+  bytes_utf8(text, sizeof text, "a\xc3\xa9\xdf\xe2\x82\xac");
+  assert_string_equal(text, "a\xc3\xa9?");
+}
+
 /* Names that one row has no room for: none begins left of the picture. */
 static void test_long_legend(void **state) {
   (void)state;
@@ -393,12 +423,19 @@ static void test_curve_of_a_run(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_words),          cmocka_unit_test(test_settings_json),
-      cmocka_unit_test(test_combinations),   cmocka_unit_test(test_many_combinations),
-      cmocka_unit_test(test_front_is_read),  cmocka_unit_test(test_hostile_fronts),
-      cmocka_unit_test(test_many_values),    cmocka_unit_test(test_bytes),
-      cmocka_unit_test(test_axes),           cmocka_unit_test(test_plots),
-      cmocka_unit_test(test_long_legend),    cmocka_unit_test(test_mouth_over_seeds),
+      cmocka_unit_test(test_words),
+      cmocka_unit_test(test_settings_json),
+      cmocka_unit_test(test_combinations),
+      cmocka_unit_test(test_many_combinations),
+      cmocka_unit_test(test_front_is_read),
+      cmocka_unit_test(test_hostile_fronts),
+      cmocka_unit_test(test_many_values),
+      cmocka_unit_test(test_bytes),
+      cmocka_unit_test(test_axes),
+      cmocka_unit_test(test_plots),
+      cmocka_unit_test(test_names_of_any_bytes),
+      cmocka_unit_test(test_long_legend),
+      cmocka_unit_test(test_mouth_over_seeds),
       cmocka_unit_test(test_curve_of_a_run),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);

@@ -70,6 +70,18 @@ static size_t utf8_bytes(const unsigned char *text) {
   return bad ? 0 : count;
 }
 
+void bytes_utf8(char *to, size_t size, const char *text) {
+  size_t at = 0;
+  for (const unsigned char *from = (const unsigned char *)text; *from != 0;) {
+    const size_t valid = utf8_bytes(from), count = valid > 0 ? valid : 1;
+    if (at + count >= size) break;
+    memcpy(to + at, valid > 0 ? (const char *)from : "?", count);
+    at += count;
+    from += count;
+  }
+  to[at] = 0;
+}
+
 void bytes_print_html(struct bytes *bytes, const char *text) {
   static const char special[] = "&<>\"'";
   static const char *const entities[] = {"&amp;", "&lt;", "&gt;", "&quot;", "&#39;"};

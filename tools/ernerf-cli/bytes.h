@@ -20,6 +20,8 @@ void bytes_add(struct bytes *bytes, const void *data, size_t count);
 void bytes_print(struct bytes *bytes, const char *format, ...) ERN_PRINTF(2, 3);
 /* In place: control characters, which a terminal would interpret, become spaces. */
 void bytes_plain(char *text);
+/* Copies the characters that have room in to[size]; bytes that are not UTF-8 become question marks. */
+void bytes_utf8(char *to, size_t size, const char *text);
 /* As HTML text: & < > " ' become entities; control characters and bytes that are not UTF-8 become question marks. */
 void bytes_print_html(struct bytes *bytes, const char *text);
 /* As a field of CSV (RFC 4180): quoted if necessary. */

@@ -12,7 +12,16 @@
 
 #include "output/plot_axis.h"
 
-enum { LEFT = 74, RIGHT = 24, TOP = 62, BOTTOM = 58, LEGEND_ROW = 18, TICKS_ACROSS = 9, TICKS_DOWN = 7 };
+enum {
+  LEFT = 74,
+  RIGHT = 24,
+  TOP = 62,
+  BOTTOM = 58,
+  LEGEND_ROW = 18,
+  TEXT_BYTES = 1024,
+  TICKS_ACROSS = 9,
+  TICKS_DOWN = 7
+};
 static const double text_size = 13, small_size = 11.5, title_size = 15, mark_radius = 4.5, cap = 3.5;
 static const unsigned ink = 0x22272b, faint = 0xe3e7ea;
 
@@ -35,14 +44,23 @@ static void set_colour(cairo_t *cairo, unsigned rgb, double alpha) {
 
 /* ---- text -------------------------------------------------------------------------------------------------------- */
 
+/* Names of files may be of any bytes; cairo draws nothing more after one that is not UTF-8. */
+static void measure_text(cairo_t *cairo, const char *text, cairo_text_extents_t *text_box) {
+  char valid[TEXT_BYTES];
+  bytes_utf8(valid, sizeof valid, text);
+  cairo_text_extents(cairo, valid, text_box);
+}
+
 /* across, down: anchor of the text at (x, y): 0 left or top, 0.5 centre, 1 right or bottom. */
 static void put_text(cairo_t *cairo, const char *text, double x, double y, double across, double down) {
   cairo_text_extents_t text_box;
   cairo_font_extents_t font;
-  cairo_text_extents(cairo, text, &text_box);
+  char valid[TEXT_BYTES];
+  bytes_utf8(valid, sizeof valid, text);
+  measure_text(cairo, valid, &text_box);
   cairo_font_extents(cairo, &font);
   cairo_move_to(cairo, x - across * text_box.x_advance, y + font.ascent - down * (font.ascent + font.descent));
-  cairo_show_text(cairo, text);
+  cairo_show_text(cairo, valid);
 }
 
 static void tick_text(double value, char text[32]) {
@@ -226,7 +244,7 @@ static void draw_label(struct drawing *d, const char *text, double x, double y, 
   cairo_font_extents_t font;
   struct box box;
   cairo_set_font_size(d->cairo, small_size);
-  cairo_text_extents(d->cairo, text, &text_box);
+  measure_text(d->cairo, text, &text_box);
   cairo_font_extents(d->cairo, &font);
   if (!find_place(d, x, y, text_box.x_advance + 4, font.ascent + font.descent, &box)) return;
   take(d, box);
@@ -277,7 +295,7 @@ static int lay_legend(struct drawing *d, bool draws) {
   for (size_t k = d->plot->count; k-- > 0;) {
     const struct plot_series *s = &d->plot->series[k];
     if (s->name == NULL || s->count == 0) continue;
-    cairo_text_extents(d->cairo, s->name, &text_box);
+    measure_text(d->cairo, s->name, &text_box);
     const double begin = right - text_box.x_advance - 21;
     if (begin < LEFT && right < d->x.end) {
       right = d->x.end;
