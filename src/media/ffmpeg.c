@@ -99,7 +99,7 @@ ern_status ern_av_open_file(ern_context *context, const char *path, AVFormatCont
     (*container)->interrupt_callback = (AVIOInterruptCB){header_is_endless, *container};
     error = avformat_open_input(container, url, NULL, &options);
   }
-  if (error >= 0 && header_is_endless(*container))
+  if (error == AVERROR_EXIT || (error >= 0 && header_is_endless(*container)))
     ERN_TRY(ern_fail(context, ERN_E_FORMAT,
                      "%s: has over %d bytes of chunks that hold no sound, such as zeros after the samples; expected a "
                      "file that ends with the samples",

@@ -75,14 +75,14 @@ static int decibels_of(double energy) { return (int)fmin(10 * log10(energy + 1),
 double ern_prepare_speech_share(const ern_sound *sound) {
   const size_t blocks = sound->frames / BLOCK;
   double loudest = 0, stretch = 0;
-  size_t spoken = 0, below = 0, levels[LEVELS] = {0};
+  size_t spoken = 0, quieter = 0, levels[LEVELS] = {0};
   int quiet = 0; /* decibels that a tenth of the blocks have at most */
   for (size_t b = 0; b < blocks; b++) {
     stretch += energy_of(sound, b) - (b >= BLOCKS ? energy_of(sound, b - BLOCKS) : 0);
     loudest = fmax(loudest, stretch / BLOCKS);
     levels[decibels_of(energy_of(sound, b))]++;
   }
-  while (quiet < LEVELS - 1 && 10 * (below += levels[quiet]) < blocks) quiet++;
+  while (10 * (quieter + levels[quiet]) < blocks) quieter += levels[quiet++];
   for (size_t b = 0; b < blocks; b++) {
     const double energy = energy_of(sound, b);
     spoken += energy > 1e-3 * loudest && decibels_of(energy) >= quiet + OVER_NOISE;

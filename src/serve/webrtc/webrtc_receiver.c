@@ -4,23 +4,25 @@
 
 #include "serve/webrtc/webrtc_shared.h"
 
-/* Calls `with` for each of the peer's elements of that kind, until one returns false. */
+/* Calls `with` for each of the peer's elements of that kind, until one returns false; again where elements come or go
+ * meanwhile. */
 static bool for_each(struct ern_webrtc_viewer *v, const char *kind,
                      bool (*with)(GstElement *, struct ern_webrtc_viewer *)) {
   GstIterator *all = gst_bin_iterate_all_by_element_factory_name(GST_BIN(v->peer), kind);
   GValue item = G_VALUE_INIT;
+  GstIteratorResult next;
   bool done = true;
-  while (done && gst_iterator_next(all, &item) == GST_ITERATOR_OK) {
-    done = with(g_value_get_object(&item), v);
-    g_value_reset(&item);
+  while (done && (next = gst_iterator_next(all, &item)) != GST_ITERATOR_DONE) {
+    done = next == GST_ITERATOR_RESYNC || (next == GST_ITERATOR_OK && with(g_value_get_object(&item), v));
+    if (next == GST_ITERATOR_RESYNC) gst_iterator_resync(all);
+    if (next == GST_ITERATOR_OK) g_value_unset(&item);
   }
-  g_value_unset(&item);
   gst_iterator_free(all);
   return done;
 }
 
-/* All that a viewer sends are the reports of RTCP, of both tracks at least every 7.5 s. One that has gone without a
- * word is known by their absence: ICE itself would keep it. */
+/* All that a viewer sends are reports (RTCP), for both tracks at least every 7.5 s. One that has gone without a word is
+ * known by their absence: ICE itself would keep it. */
 static GstPadProbeReturn take_report(GstPad *pad, GstPadProbeInfo *info, gpointer user) {
   struct ern_webrtc_viewer *v = user;
   const guint32 own[2] = {v->picture.ssrc, v->sound.ssrc};
@@ -39,8 +41,8 @@ static GstPadProbeReturn take_report(GstPad *pad, GstPadProbeInfo *info, gpointe
   return GST_PAD_PROBE_OK;
 }
 
-/* Packets of RTP (RFC 5761, 4), which no viewer sends: libsrtp keeps memory for each source of them, and GStreamer
- * stands still, with all viewers, where one has the source of what it sends. */
+/* Packets of RTP (RFC 5761, 4), which no viewer sends: libsrtp keeps memory for each SSRC, and GStreamer is
+ * deadlocked, with all viewers, by one with the SSRC of what it sends itself. */
 static GstPadProbeReturn drop_media(GstPad *pad, GstPadProbeInfo *info, gpointer user) {
   guint8 head[2];
   (void)pad;

@@ -1,19 +1,19 @@
 /* SPDX-License-Identifier: MIT
- * What comes from a viewer. libsrtp and GStreamer keep memory for every source that a report is of, and GStreamer sends
- * a packet again as often as reports ask for it. */
+ * Which reports (RTCP, RFC 3550 and 4585) of a viewer GStreamer may have. libsrtp and GStreamer keep memory for every
+ * SSRC of a sender, and GStreamer sends a packet again as often as NACKs ask for it. */
 #include <string.h>
 
 #include "serve/webrtc/webrtc_shared.h"
 
 enum {
-  HEAD = 8 /* bytes: version and count, type, length in words less one, sender */,
+  HEAD = 8 /* bytes: version and count, type, length in words less one, SSRC of the sender */,
   FIRST_LOST = 12,
-  BLOCK = 24 /* bytes that a receiver says of a source */,
+  BLOCK = 24 /* bytes of a receiver report for each SSRC that it has received */,
   PADDED = 32,
   RECEIVER = 201,
   NACK = 205,
   GENERIC = 1,
-  SHARE = 1000 /* reports and packets asked for again, in a second on average */
+  SHARE = 1000 /* reports and packets to send again, in a second on average */
 };
 
 static guint32 word(const guint8 *at) { return GST_READ_UINT32_BE(at); }
@@ -27,7 +27,7 @@ static bool is_known(struct webrtc_reports *r, guint32 sender) {
   return true;
 }
 
-/* Packets that the report asks for again: a number, and a mask of those behind it. */
+/* Packets that a NACK asks for: a sequence number, and a mask of those behind it. */
 static gint64 asked_again(const guint8 *report, size_t bytes) {
   gint64 asked = 0;
   if (report[1] != NACK) return 0;
@@ -38,7 +38,7 @@ static gint64 asked_again(const guint8 *report, size_t bytes) {
   return asked;
 }
 
-/* Of the reports only those on losses: of others, such as farewells, some make GStreamer stand still. */
+/* Receiver reports and NACKs: some of the others, such as BYE, deadlock GStreamer. */
 static bool is_passed_on(const guint8 *report, size_t bytes) {
   if (report[1] == RECEIVER) return bytes >= HEAD + BLOCK * (size_t)(report[0] & 31);
   return report[1] == NACK && (report[0] & 31) == GENERIC && bytes > FIRST_LOST;
@@ -51,7 +51,7 @@ ptrdiff_t webrtc_reports_filter(struct webrtc_reports *r, guint8 *bytes, size_t 
   for (; at + 4 <= count; at += length) {
     length = 4 * ((size_t)bytes[at + 2] << 8 | bytes[at + 3]) + 4;
     if (bytes[at] >> 6 != 2 || length > count - at) return -1;
-    if (length < HEAD) continue; /* a list of no sources */
+    if (length < HEAD) continue; /* of no SSRC */
     const guint32 sender = word(bytes + at + 4);
     if (sender == own[0] || sender == own[1] || !is_known(r, sender)) return -1;
     if ((bytes[at] & PADDED) != 0 || !is_passed_on(bytes + at, length)) continue;

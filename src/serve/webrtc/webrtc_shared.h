@@ -51,9 +51,9 @@ struct webrtc_track {
 
 /* What a viewer has sent. */
 struct webrtc_reports {
-  guint32 senders[16]; /* sources that it has named; browsers have one or two */
+  guint32 senders[16]; /* SSRCs that it has reported as; browsers have one or two */
   unsigned count;
-  bool excess; /* it has named more, each of which costs memory */
+  bool excess; /* they are more, each of which costs memory */
   gint64 due;  /* microseconds of GLib's monotonic clock: when all of it would have come at the pace that is admitted */
 };
 
@@ -112,7 +112,7 @@ bool webrtc_receiver_is_offered(struct ern_webrtc_viewer *viewer);
 /* ---- webrtc_reports.c ---- */
 
 /* The reports (RTCP) that GStreamer may have, at the beginning of `bytes`: their length, -1: all are refused. own: the
- * sources of the viewer's tracks. */
+ * SSRCs of the viewer's tracks. */
 ptrdiff_t webrtc_reports_filter(struct webrtc_reports *reports, guint8 *bytes, size_t count, const guint32 own[2],
                                 gint64 now);
 

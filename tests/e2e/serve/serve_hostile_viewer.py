@@ -142,6 +142,14 @@ def watched(server, viewer, what):
     until(lambda: viewer.send(report()) or viewer.look(0.1) or len(viewer.numbers) > 20, f"{what}: packets")
 
 
+def still_watched(server, viewers, what):
+    for viewer in viewers:
+        viewer.numbers.clear()
+        watched(server, viewer, what)
+    for viewer in viewers:
+        viewer.leave()
+
+
 def main():
     global SRTP
     try:
@@ -186,11 +194,7 @@ def test_media(server, own):
     for k in range(200):
         viewer.send(struct.pack(">BBHII", 0x80, TYPE, k, 90 * k, viewer.source) + bytes(20), "srtp_protect")
         viewer.look(0.002)
-    for one in viewer, other:
-        one.numbers.clear()
-        watched(server, one, "after media")
-    for one in viewer, other:
-        one.leave()
+    still_watched(server, [viewer, other], "after media")
 
 
 def test_reports(server, own):
@@ -206,11 +210,7 @@ def test_reports(server, own):
         viewer.send(packet[:1400])
         if k % 10 == 0:
             viewer.look(0.005)
-    for one in viewer, other:
-        one.numbers.clear()
-        watched(server, one, "after reports")
-    for one in viewer, other:
-        one.leave()
+    still_watched(server, [viewer, other], "after reports")
 
 
 def test_requests(server, own):

@@ -57,7 +57,7 @@ static void put_text(cairo_t *cairo, const char *text, double x, double y, doubl
   cairo_font_extents_t font;
   char valid[TEXT_BYTES];
   bytes_utf8(valid, sizeof valid, text);
-  measure_text(cairo, valid, &text_box);
+  cairo_text_extents(cairo, valid, &text_box);
   cairo_font_extents(cairo, &font);
   cairo_move_to(cairo, x - across * text_box.x_advance, y + font.ascent - down * (font.ascent + font.descent));
   cairo_show_text(cairo, valid);
