@@ -481,7 +481,9 @@ static inline void ern_clip_dataset(ern_clip *clip, ern_dataset *dataset) {
  * Plain data, may grow. */
 typedef struct ern_clip_measures {
   size_t frames, looked;   /* training frames; those whose pictures were looked at */
-  float eye_low, eye_high; /* least and largest eye value, 0..1; both 0 without au.csv */
+  float eye_low, eye_high; /* the third of the least and the third of the largest eye values, 0..1 (of one or two frames
+                              the first, of three or four the second): a value of one or two frames is no blink; 0
+                              without au.csv */
   double turn;             /* degrees: widest angle between two directions from which the camera sees the head */
   double camera_turn;      /* degrees: widest angle between the first pose's rotation and another's, roll included */
   double camera_shift;   /* largest distance from the first pose's place to another's, over the first one's distance to

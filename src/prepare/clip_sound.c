@@ -12,10 +12,6 @@
 
 enum {
   RATE = ERN_PREPARE_SOUND_RATE,
-  BLOCK = RATE / 50,
-  BLOCKS = 10,     /* of a loud stretch */
-  LEVELS = 128,    /* decibels of a block's sum of squares */
-  OVER_NOISE = 6,  /* of them, by which speech is louder than the quietest tenth of the blocks */
   MOST_LAG = 12,   /* frames */
   SECOND = 25,     /* frames */
   APART = 4,       /* frames between lags that compete */
@@ -61,33 +57,6 @@ fail:
   ern_release(job->context, samples);
   ern_footage_close(&footage);
   return status;
-}
-
-/* Sum of squares of a block of samples. */
-static double energy_of(const ern_sound *sound, size_t block) {
-  double sum = 0;
-  for (size_t i = block * BLOCK; i < (block + 1) * BLOCK; i++) sum += (double)sound->data[i] * sound->data[i];
-  return sum;
-}
-
-static int decibels_of(double energy) { return (int)fmin(10 * log10(energy + 1), LEVELS - 1); }
-
-double ern_prepare_speech_share(const ern_sound *sound) {
-  const size_t blocks = sound->frames / BLOCK;
-  double loudest = 0, stretch = 0;
-  size_t spoken = 0, quieter = 0, levels[LEVELS] = {0};
-  int quiet = 0; /* decibels that a tenth of the blocks have at most */
-  for (size_t b = 0; b < blocks; b++) {
-    stretch += energy_of(sound, b) - (b >= BLOCKS ? energy_of(sound, b - BLOCKS) : 0);
-    loudest = fmax(loudest, stretch / BLOCKS);
-    levels[decibels_of(energy_of(sound, b))]++;
-  }
-  while (10 * (quieter + levels[quiet]) < blocks) quieter += levels[quiet++];
-  for (size_t b = 0; b < blocks; b++) {
-    const double energy = energy_of(sound, b);
-    spoken += energy > 1e-3 * loudest && decibels_of(energy) >= quiet + OVER_NOISE;
-  }
-  return blocks > 0 ? (double)spoken / (double)blocks : 0;
 }
 
 /* Subtracts the mean over a second around. */

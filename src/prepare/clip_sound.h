@@ -17,10 +17,6 @@ ERN_NODISCARD ern_status ern_sound_offset_read(ern_context *context, const char 
 ERN_NODISCARD ern_status ern_prepare_sound_read(struct ern_prepare_job *job, size_t frames, double offset,
                                                 ern_sound *sound, double *missing);
 
-/* The share of a sound's time in which somebody speaks: within 30 dB of its loudest 0.2 s, and 6 dB above its quietest
- * tenth, as hiss is not. */
-double ern_prepare_speech_share(const ern_sound *sound);
-
 /* How late the sound is: the lag at which the opening of the mouth, opening[frames], correlates best with the opening
  * of the jaw that a linear map predicts from cepstra. Changes slower than a second are left out. */
 struct ern_sound_lag {

@@ -7,11 +7,10 @@
 
 #include "ernerf/speech.h"
 #include "io/landmarks.h"
+#include "io/speech_share.h"
 #include "prepare/clip_sound.h"
 #include "prepare/prepare_job.h"
 #include "prepare/stabilized_crop.h"
-
-#define LEAST_SPEECH 0.2 /* share of the time */
 
 /* Distance between the inner lips in shares of the face's width, for each frame. */
 static ern_status openings_of(const struct ern_prepare_job *job, float *opening) {
@@ -80,7 +79,7 @@ fail:
   return status;
 }
 
-/* Writes aud.wav; *share: ern_prepare_speech_share, or -1: the video has no sound. */
+/* Writes aud.wav; *share: ern_speech_share, or -1: the video has no sound. */
 static ern_status write_wav(struct ern_prepare_job *job, double offset, char path[ERN_PREPARE_PATH], double *share) {
   ern_status status = ERN_OK;
   ern_sound sound = {0};
@@ -88,7 +87,7 @@ static ern_status write_wav(struct ern_prepare_job *job, double offset, char pat
   *share = -1;
   ERN_TRY(ern_prepare_sound_read(job, job->frames, offset, &sound, &missing));
   if (sound.data == NULL) return ern_prepare_remove_made(job, "aud.wav");
-  *share = ern_prepare_speech_share(&sound);
+  *share = ern_speech_share(&sound);
   ERN_TRY(ern_prepare_register_output(job, "aud.wav", path));
   ERN_TRY(ern_sound_write_wav(job->context, path, &sound));
 fail:
@@ -109,7 +108,7 @@ static ern_status write_sound(struct ern_prepare_job *job, double *moved) {
   if (share < 0) return ERN_OK;
   *moved = offset;
   ern_prepare_figure(job, "speech", share);
-  if (share < LEAST_SPEECH && job->options->features == NULL)
+  if (share < ERN_SPEECH_SHARE && job->options->features == NULL)
     ern_prepare_add_reason(job, ERN_PREPARE_DOUBTFUL,
                            "speech is heard in %.0f %% of the time; a mouth is learnt from speech: --from, --to and "
                            "--segment choose another part",

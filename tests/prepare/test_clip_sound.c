@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * How late a sound is against a mouth, and how much of it is speech. */
 #include "ernerf/media.h"
+#include "io/speech_share.h"
 #include "prepare/clip_sound.h"
 #include "prepare/jaw_weights.h"
 #include "prepare_test.h"
@@ -62,15 +63,15 @@ static void test_speech_share(void **state) {
   static int16_t data[10 * ERN_PREPARE_SOUND_RATE];
   const size_t count = sizeof data / sizeof *data;
   const ern_sound sound = {.rate = ERN_PREPARE_SOUND_RATE, .channels = 1, .frames = count, .data = data};
-  assert_true(ern_prepare_speech_share(&sound) == 0);
+  assert_true(ern_speech_share(&sound) == 0);
   uint64_t seed = 3;
   for (size_t i = 0; i < count; i++) data[i] = (int16_t)lrint(20 * made_random(&seed)); /* noise, and 1 s of speech */
-  assert_true(ern_prepare_speech_share(&sound) == 0); /* hiss alone is no speech, however loud it is */
+  assert_true(ern_speech_share(&sound) == 0); /* hiss alone is no speech, however loud it is */
   for (size_t i = count / 2; i < count / 2 + ERN_PREPARE_SOUND_RATE; i++)
     data[i] = (int16_t)lrint(9000 * made_random(&seed));
-  assert_true(fabs(ern_prepare_speech_share(&sound) - 0.1) < 0.01);
+  assert_true(fabs(ern_speech_share(&sound) - 0.1) < 0.01);
   data[1000] = 32767; /* a click is no speech */
-  assert_true(fabs(ern_prepare_speech_share(&sound) - 0.1) < 0.01);
+  assert_true(fabs(ern_speech_share(&sound) - 0.1) < 0.01);
 }
 
 static void test_offset(void **state) {

@@ -234,6 +234,11 @@ fail:
   return status;
 }
 
+static void warn_of_doubt(void *user, const char *sentence) {
+  const ern_clip *clip = user;
+  ern_log(clip->context, ERN_LOG_WARNING, "%s/%s", clip->folder, sentence);
+}
+
 /* Warns of what is odd about the lists, though it is no error. */
 static ern_status warn_of_lists(const ern_clip *clip, const ern_pose_list lists[2]) {
   ern_status status = ERN_OK;
@@ -291,6 +296,7 @@ static ern_status open_parts(ern_clip *clip, const ern_clip_options *options) {
   ERN_TRY(ern_clip_motion(context, clip->folder, img_id, &motion));
   clip->info.has_torso_motion = motion != NULL;
   ERN_TRY(find_optional(clip));
+  ERN_TRY(ern_clip_doubts(context, clip->folder, train, warn_of_doubt, clip));
   clip->hash = 0xcbf29ce484222325;
   ERN_TRY(open_split(clip, ERN_SPLIT_TRAIN, &lists[ERN_SPLIT_TRAIN], blink, (const float(*)[ERN_MOTION_VALUES])motion));
   ERN_TRY(open_split(clip, ERN_SPLIT_VAL, &lists[ERN_SPLIT_VAL], blink, (const float(*)[ERN_MOTION_VALUES])motion));

@@ -73,6 +73,9 @@ const char *ern_clip_features_kind(const char *name, const char *asr_model, cons
 ERN_NODISCARD ern_status ern_clip_blink(ern_context *context, const char *folder, int64_t largest_img_id, float **blink,
                                         size_t *count);
 
+/* ern_clip_measures.eye_low and .eye_high of values[count]; both 0 where count is 0. */
+void ern_clip_eye_range(const float *values, size_t count, float *low, float *high);
+
 /* *motion [rows][ERN_MOTION_VALUES], of torso.npy, owned by the caller, with a row for every img_id up to the largest;
  * NULL where there is no torso.npy. */
 ERN_NODISCARD ern_status ern_clip_motion(ern_context *context, const char *folder, int64_t largest_img_id,
@@ -81,6 +84,8 @@ ERN_NODISCARD ern_status ern_clip_motion(ern_context *context, const char *folde
 /* RMS deviation of the features from their mean over the windows, over their RMS. */
 ERN_NODISCARD ern_status ern_clip_feature_change(ern_context *context, const ern_features *features, double *relative);
 
+/* Whether a pixel of parsing/ID.png has AD-NeRF's colour of the head, 0 0 255. */
+static inline bool ern_clip_is_head(const uint8_t *rgb) { return rgb[0] < 128 && rgb[1] < 128 && rgb[2] >= 128; }
 /* Values of ern_clip_head(). */
 enum { ERN_HEAD_UNSURE = 128, ERN_HEAD_WHOLE = 255 };
 /* Replaces the RGB picture of parsing/ID.png by one channel of those values; the size stays. ERN_E_FORMAT, with `path`
@@ -91,6 +96,12 @@ ERN_NODISCARD ern_status ern_clip_head_of_parsing(ern_context *context, const ch
  * img_id of the first of them. */
 ERN_NODISCARD ern_status ern_clip_doubled_pictures(ern_context *context, const char *folder,
                                                    const ern_pose_list lists[2], size_t *doubled, int64_t *img_id);
+
+/* Calls `say` for each thing that is well formed and still looks wrong: landmarks that are no face, masks that are all
+ * person or have no head, a sound that is no speech. Looks at no more than 48 training frames. A file that is missing
+ * or cannot be read is no doubt: what opens a clip reports it. ERN_E_NO_MEMORY alone. */
+ERN_NODISCARD ern_status ern_clip_doubts(ern_context *context, const char *folder, const ern_pose_list *train,
+                                         void (*say)(void *user, const char *sentence), void *user);
 
 /* ern_dataset.fingerprint, of when the clip was opened. */
 const char *ern_clip_fingerprint(const ern_clip *clip);

@@ -305,7 +305,7 @@ static void check_features(struct report *report) {
 static void check_blink(struct report *report) {
   static const char help[] = "OpenFace's FeatureExtraction (-aus) makes it from the whole video.";
   int64_t img_id = 0, aud_id = 0;
-  float *blink = NULL, most = 0, least = 2;
+  float *blink = NULL, most = 0, least = 0;
   size_t count = 0;
   ern_clip_largest_ids(report->lists, &img_id, &aud_id);
   const ern_status status = ern_clip_blink(report->context, report->folder, img_id, &blink, &count);
@@ -318,20 +318,15 @@ static void check_blink(struct report *report) {
              "au.csv: missing. No blinking will be learnt; OpenFace's FeatureExtraction makes it (column AU45_r).");
     return;
   }
-  for (size_t i = 0; i < count; i++) { /* the eye value clamps it at 2 */
-    most = fmaxf(most, blink[i]);
-    least = fminf(least, blink[i]);
-  }
+  ern_clip_eye_range(blink, count, &least, &most); /* the eye value clamps it at 2 */
   report->blink = (double)fminf(most, 2) - (double)fmaxf(least, 0) >= 2 * ERN_CLIP_BLINK;
   if (report->blink) {
     add_line(report, THERE, "au.csv: AU45_r in %zu rows, up to %.3g.", count, (double)most);
-  } else if (most > 0) {
-    add_line(report, OPTIONAL,
-             "au.csv: AU45_r stays from %.3g to %.3g in all %zu rows: nobody blinks, so no blinking will be learnt.",
-             (double)least, (double)most, count);
   } else {
-    add_line(report, OPTIONAL, "au.csv: AU45_r is 0 in all %zu rows: nobody blinks, so no blinking will be learnt.",
-             count);
+    add_line(report, OPTIONAL,
+             "au.csv: AU45_r stays from %.3g to %.3g, no more than four of %zu rows left out: nobody blinks, so no "
+             "blinking will be learnt.",
+             (double)least, (double)most, count);
   }
   ern_release(report->context, blink);
 }
@@ -399,6 +394,15 @@ static void check_sound(struct report *report) {
   ern_sound_free(report->context, &sound);
 }
 
+static void add_doubt(void *user, const char *sentence) { add_line(user, OPTIONAL, "%s.", sentence); }
+
+static void check_doubts(struct report *report) {
+  if (!report->poses) return;
+  const ern_status status =
+      ern_clip_doubts(report->context, report->folder, &report->lists[ERN_SPLIT_TRAIN], add_doubt, report);
+  if (status != ERN_OK) say_wrong(report, status, "");
+}
+
 /* Reports that `prepare` made the clip: the other sentences name the public script process.py, which did not. */
 static void report_prepare(struct report *report) {
   bool there = false;
@@ -451,6 +455,7 @@ ern_status ern_clip_check(ern_context *context, const char *folder,
     check_blink(&report);
     check_motion(&report);
     check_sound(&report);
+    check_doubts(&report);
     report_prepare(&report);
     summarise(&report);
   }

@@ -5,9 +5,6 @@
 #include "core/memory.h"
 #include "media/clip/clip.h"
 
-/* AD-NeRF's colour of the head is 0, 0, 255. */
-static bool is_head(const uint8_t *rgb) { return rgb[0] < 128 && rgb[1] < 128 && rgb[2] >= 128; }
-
 static bool is_near(const uint8_t *rgb, const uint8_t colour[3]) {
   for (int c = 0; c < 3; c++)
     if (rgb[c] > colour[c] + 63 || rgb[c] < colour[c] - 63) return false;
@@ -48,7 +45,7 @@ static void sum_rows(const ern_image *parsing, int reach, uint8_t *sums) {
     for (int x = 0; x < width; x++) {
       const struct window across = window_at(x, reach, width);
       int sum = 0;
-      for (int k = across.begin; k < across.end; k++) sum += is_head(row + 3 * (size_t)k);
+      for (int k = across.begin; k < across.end; k++) sum += ern_clip_is_head(row + 3 * (size_t)k);
       sums[(size_t)y * (size_t)width + (size_t)x] = (uint8_t)sum;
     }
   }

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT
  * Measures a clip's variety: how far eyes, head, torso, speech and light change from frame to frame. */
+#include <float.h>
 #include <math.h>
 #include <string.h>
 
@@ -8,7 +9,7 @@
 #include "core/sized.h"
 #include "media/clip/clip.h"
 
-enum { LOOKED_MOST = 48, POSE_TERMS = 4 };
+enum { LOOKED_MOST = 48, POSE_TERMS = 4, BLINK_FRAMES = 3 /* a blink lasts 0.1 to 0.4 s */ };
 
 static const double degree = 3.14159265358979323846 / 180;
 
@@ -79,12 +80,37 @@ static void measure_poses(const ern_clip *clip, ern_clip_measures *m) {
   }
 }
 
-static void measure_eyes(const ern_clip *clip, ern_clip_measures *m) {
-  for (size_t f = 0; f < m->frames; f++) {
-    const float eye = ern_clip_frame_at(clip, ERN_SPLIT_TRAIN, f)->eye;
-    if (f == 0 || eye < m->eye_low) m->eye_low = eye;
-    if (f == 0 || eye > m->eye_high) m->eye_high = eye;
+/* Inserts a value into the BLINK_FRAMES least ones, in ascending order. */
+static void keep_least(float least[BLINK_FRAMES], float value) {
+  for (int i = 0; i < BLINK_FRAMES; i++)
+    if (value < least[i]) {
+      const float next = least[i];
+      least[i] = value;
+      value = next;
+    }
+}
+
+void ern_clip_eye_range(const float *values, size_t count, float *low, float *high) {
+  float least[BLINK_FRAMES] = {FLT_MAX, FLT_MAX, FLT_MAX}, greatest[BLINK_FRAMES] = {FLT_MAX, FLT_MAX, FLT_MAX};
+  *low = *high = 0;
+  if (count == 0) return;
+  for (size_t i = 0; i < count; i++) {
+    keep_least(least, values[i]);
+    keep_least(greatest, -values[i]);
   }
+  const size_t half = (count + 1) / 2, last = (half < BLINK_FRAMES ? half : BLINK_FRAMES) - 1; /* *low <= *high */
+  *low = least[last];
+  *high = -greatest[last];
+}
+
+static ern_status measure_eyes(const ern_clip *clip, ern_clip_measures *m) {
+  float *values = NULL;
+  const ern_status status = ERN_NEW(ern_clip_context(clip), m->frames, &values);
+  if (status != ERN_OK) return status;
+  for (size_t f = 0; f < m->frames; f++) values[f] = ern_clip_frame_at(clip, ERN_SPLIT_TRAIN, f)->eye;
+  ern_clip_eye_range(values, m->frames, &m->eye_low, &m->eye_high);
+  ern_release(ern_clip_context(clip), values);
+  return ERN_OK;
 }
 
 /* ---- speech ------------------------------------------------------------------------------------------------------ */
@@ -271,7 +297,7 @@ ern_status ern_clip_measure_sized(ern_clip *clip, ern_clip_measures *measures, s
   ern_status status = ERN_OK;
   ERN_TRY(measure_turn(clip, &own));
   measure_poses(clip, &own);
-  measure_eyes(clip, &own);
+  ERN_TRY(measure_eyes(clip, &own));
   ERN_TRY(measure_sound(clip, &own));
   ERN_TRY(ern_clip_feature_change(ern_clip_context(clip), ern_clip_features(clip), &own.feature_change));
   ERN_TRY(measure_pictures(clip, &own));
