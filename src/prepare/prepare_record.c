@@ -143,8 +143,9 @@ ern_status ern_prepare_record_open(struct ern_prepare_job *job, int *lock) {
   if (about == NULL) ERN_TRY(ern_fail(job->context, ERN_E_NO_MEMORY, "%s: no memory", job->folder));
   *lock = open(job->folder, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
   if (*lock < 0) ERN_TRY(ern_file_fail(job->context, job->folder, "open"));
-  if (flock(*lock, LOCK_EX | LOCK_NB) != 0)
-    ERN_TRY(ern_fail(job->context, ERN_E_BUSY, "%s: another process prepares it", job->folder));
+  const bool taken = flock(*lock, LOCK_EX | LOCK_NB) != 0;
+  if (taken) job->made = false; /* the other process uses it, empty as it still is */
+  if (taken) ERN_TRY(ern_fail(job->context, ERN_E_BUSY, "%s: another process prepares it", job->folder));
   if (fstat(*lock, &folder) != 0) ERN_TRY(ern_file_fail(job->context, job->folder, "open"));
   job->device = folder.st_dev;
   job->inode = folder.st_ino;
