@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  * Writes files atomically: a locked temporary file beside the final path, synchronised to disk and then renamed. */
-#define _XOPEN_SOURCE 700 /* S_ISVTX */
+#define _GNU_SOURCE /* S_ISVTX, statx */
 #include <errno.h>
 #include <fcntl.h>
 #include <limits.h>
@@ -69,6 +69,22 @@ bool ern_file_is_temporary(const char *name) {
   return length > tail && strcmp(name + length - tail, suffix) == 0;
 }
 
+/* Refuses what a rename cannot replace although its permissions allow it: `at`, the file or folder of `path`. A kernel
+ * or file system that does not tell refuses the rename itself. */
+static ern_status check_attributes(ern_context *context, const char *path, const char *at) {
+  struct statx about;
+  if (statx(AT_FDCWD, at, 0, 0, &about) != 0) return ERN_OK;
+  if ((about.stx_attributes & STATX_ATTR_APPEND) != 0)
+    return ern_fail(context, ERN_E_IO, "%s: cannot write: %s is append-only (lsattr)", path, at);
+#ifdef STATX_ATTR_MOUNT_ROOT
+  if (S_ISREG(about.stx_mode) && (about.stx_attributes & STATX_ATTR_MOUNT_ROOT) != 0)
+    return ern_fail(
+        context, ERN_E_IO,
+        "%s: cannot write: a file is mounted there, which cannot be replaced; expected one in a mounted folder", path);
+#endif
+  return ERN_OK;
+}
+
 /* Whether the folder of `path` lets this user make a file there and give it that name. `there`: the file that it has,
  * or NULL. In a folder with the sticky bit, such as /tmp, a file is replaced by its owner alone. */
 static ern_status check_folder(ern_context *context, const char *path, const struct stat *there) {
@@ -81,6 +97,7 @@ static ern_status check_folder(ern_context *context, const char *path, const str
   const char *name = length > 0 ? folder : ".";
   if (stat(name, &about) == 0) { /* a folder that is missing may be made later */
     if (faccessat(AT_FDCWD, name, W_OK | X_OK, AT_EACCESS) != 0) ERN_TRY(ern_file_fail(context, path, "write"));
+    ERN_TRY(check_attributes(context, path, name));
     const uid_t user = geteuid();
     if (there != NULL && (about.st_mode & S_ISVTX) != 0 && user != 0 && user != there->st_uid && user != about.st_uid)
       ERN_TRY(ern_fail(context, ERN_E_IO,
@@ -104,7 +121,8 @@ ern_status ern_file_check_replaceable(ern_context *context, const char *path) {
                     S_ISDIR(about.st_mode) ? "folder" : "device or pipe");
   if (access(path, W_OK) != 0 && (errno == EACCES || errno == EPERM))
     return ern_fail(context, ERN_E_IO, "%s: cannot write: the file is write-protected", path);
-  return check_folder(context, path, &about);
+  const ern_status status = check_attributes(context, path, path);
+  return status == ERN_OK ? check_folder(context, path, &about) : status;
 }
 
 static ern_status refuse_existing(ern_context *context, const char *path) {

@@ -61,3 +61,11 @@ const char *ern_json_unknown_member(json_t *root, const char *const *known, size
   }
   return NULL;
 }
+
+char *ern_json_text(ern_context *context, const json_t *root, size_t flags) {
+  const size_t bytes = json_dumpb(root, NULL, 0, flags);
+  char *text = bytes > 0 ? ern_allocate(context, bytes + 1, 1) : NULL;
+  if (text == NULL || json_dumpb(root, text, bytes, flags) == bytes) return text;
+  ern_release(context, text);
+  return NULL;
+}

@@ -16,5 +16,8 @@ ERN_NODISCARD ern_status ern_json_parse(ern_context *context, const char *path, 
                                         size_t length, size_t most, json_t **root);
 /* The first member of an object that is not one of known[count], in the memory of `root`; NULL: none. */
 const char *ern_json_unknown_member(json_t *root, const char *const *known, size_t count);
+/* The text of `root`, owned by the caller (ern_release); NULL where there is no memory for it, or `root` is NULL. Of
+ * json_dumps, jansson 2.14 ignores that the text could not grow for an object's key, and leaves the key out. */
+char *ern_json_text(ern_context *context, const json_t *root, size_t flags);
 
 #endif

@@ -433,7 +433,7 @@ ern_status ern_safetensors_write(ern_context *context, const char *path, const s
   json_t *header = json_object();
   ERN_TRY(add_metadata(context, path, metadata, metadata_count, header));
   for (size_t i = 0; i < tensor_count; i++) ERN_TRY(add_tensor(context, path, &tensors[i], header, &bytes));
-  text = json_dumps(header, JSON_COMPACT);
+  text = ern_json_text(context, header, JSON_COMPACT);
   if (text == NULL) ERN_TRY(ern_fail(context, ERN_E_NO_MEMORY, "%s: header: no memory", path));
   ERN_TRY(ern_file_writer_open(context, path, existing, &writer));
   ERN_TRY(write_header(&writer, text));
@@ -443,7 +443,7 @@ ern_status ern_safetensors_write(ern_context *context, const char *path, const s
   status = ern_file_writer_commit(&writer);
 fail:
   ern_file_writer_abandon(&writer);
-  free(text); /* made by jansson with malloc */
+  ern_release(context, text);
   json_decref(header);
   return status;
 }

@@ -9,6 +9,7 @@
 #include <zip.h>
 
 #include "core/memory.h"
+#include "io/json.h"
 #include "io/torch_legacy.h"
 
 enum { PICKLE_LIMIT = 1 << 26, DEPTH_LIMIT = 32, VISIT_LIMIT = 1 << 18, PATH_CAPACITY = 512 };
@@ -536,7 +537,6 @@ ern_status ern_torch_tensors(ern_context *context, struct ern_torch *torch, cons
                              struct ern_tensor_file *file, char **tree) {
   struct opened *o = torch->private_data;
   struct walk w = {.context = context, .o = o, .prefix = prefix};
-  char *text = NULL;
   ern_status status = ERN_OK;
   *file = (struct ern_tensor_file){.private_data = o, .release = release_opened};
   *torch = (struct ern_torch){0};
@@ -544,17 +544,19 @@ ern_status ern_torch_tensors(ern_context *context, struct ern_torch *torch, cons
   json_t *json = walk(&w, o->pickle.root, 0);
   ERN_TRY(w.status);
   ERN_TRY(check_tensor_names(context, o));
-  text = json_dumps(json, JSON_COMPACT | JSON_ENCODE_ANY | JSON_REAL_PRECISION(17));
-  if (text == NULL) ERN_TRY(ern_fail(context, ERN_E_NO_MEMORY, "%s: no memory for the tree", o->path));
+  *tree = ern_json_text(context, json, JSON_COMPACT | JSON_ENCODE_ANY | JSON_REAL_PRECISION(17));
+  if (*tree == NULL) ERN_TRY(ern_fail(context, ERN_E_NO_MEMORY, "%s: no memory for the tree", o->path));
   ERN_TRY(ERN_NEW(context, o->tensors, &file->tensors));
   for (size_t i = 0; i < o->tensors; i++) {
     ERN_TRY(fill_tensor(context, o, i, &file->tensors[i]));
     file->tensor_count++;
   }
-  ERN_TRY(ern_string_copy(context, text, tree));
 fail:
   json_decref(json);
-  free(text); /* made by jansson with malloc */
-  if (status != ERN_OK) ern_tensor_file_free(context, file);
+  if (status != ERN_OK) {
+    ern_release(context, *tree);
+    *tree = NULL;
+    ern_tensor_file_free(context, file);
+  }
   return status;
 }

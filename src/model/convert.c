@@ -4,12 +4,12 @@
 #include <jansson.h>
 #include <math.h>
 #include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 
 #include "core/floats.h"
 #include "core/memory.h"
 #include "ernerf/data.h"
+#include "io/json.h"
 #include "model/checkpoint.h"
 #include "model/model.h"
 #include "model/torch_layout.h"
@@ -61,11 +61,11 @@ static ern_status write_plain(ern_context *context, const struct ern_tensor_file
     whole &= json_array_append_new(pairs, json_pack("[s, {s:s}]", name, "tensor", name)) == 0;
   }
   json_t *root = json_pack("{s:o}", "ordered", pairs);
-  text = whole && root != NULL ? json_dumps(root, JSON_COMPACT) : NULL;
+  text = whole && root != NULL ? ern_json_text(context, root, JSON_COMPACT) : NULL;
   json_decref(root);
   if (text == NULL) return ern_fail(context, ERN_E_NO_MEMORY, "%s: no memory for the tree", path);
   const ern_status status = ern_torch_write(context, path, text, file->tensors, file->tensor_count);
-  free(text);
+  ern_release(context, text);
   return status;
 }
 

@@ -41,7 +41,6 @@ static bool put_fade(json_t *root, const struct ern_model_config *c) {
 
 ern_status ern_model_metadata(const ern_model *model, char **json) {
   const struct ern_model_config *c = &model->field.config;
-  *json = NULL;
   json_t *root = json_pack(
       "{s:s, s:s, s:s, s:i, s:i, s:i, s:b, s:b, s:b, s:b, s:i, s:f, s:I, s:I, s:s, s:s, s:s}", "backbone",
       ern_backbone_name(c->backbone), "attention", ern_attention_name(c->attention), "eye_attention",
@@ -54,12 +53,10 @@ ern_status ern_model_metadata(const ern_model *model, char **json) {
     json_decref(root);
     root = NULL;
   }
-  char *text = root != NULL ? json_dumps(root, JSON_COMPACT) : NULL;
+  *json = ern_json_text(model->context, root, JSON_COMPACT);
   json_decref(root);
-  if (text == NULL) return ern_fail(model->context, ERN_E_NO_MEMORY, "model: the metadata could not be put together");
-  const ern_status status = ern_string_copy(model->context, text, json);
-  free(text);
-  return status;
+  if (*json != NULL) return ERN_OK;
+  return ern_fail(model->context, ERN_E_NO_MEMORY, "model: the metadata could not be put together");
 }
 
 ern_status ern_model_write(const ern_model *model, const char *path, enum ern_existing existing) {

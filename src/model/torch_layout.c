@@ -8,11 +8,12 @@
 
 #include "core/format.h"
 #include "core/memory.h"
+#include "io/json.h"
 #include "model/checkpoint.h"
 #include "model/kinds.h"
 #include "model/torso_ops.h"
 
-enum { PUBLIC_CODES = 10000, PUBLIC_LEVELS = 12 };
+enum { PUBLIC_CODES = 10000, PUBLIC_LEVELS = 12, MOST_STATE = 1 << 20 /* bytes of memory */ };
 
 void ern_torch_layout_free(struct ern_torch_layout *l) {
   for (size_t i = 0; i < l->tensors; i++) ern_release(l->context, l->owned[i]);
@@ -174,7 +175,12 @@ struct about_state {
 
 static ern_status read_about(const struct ern_torch_layout *l, struct about_state *about) {
   const char *text = ern_tensor_file_metadata(l->file, "ernerf.state");
-  json_t *root = text != NULL ? json_loads(text, 0, NULL) : NULL;
+  json_t *root = NULL;
+  const ern_status status =
+      text == NULL ? ERN_OK
+                   : ern_json_parse(l->context, l->path, "metadata \"ernerf.state\" of what is converted: ", text,
+                                    strlen(text), MOST_STATE, &root);
+  if (status != ERN_OK) return status;
   *about = (struct about_state){.there = root != NULL,
                                 .torso = json_is_true(json_object_get(root, "torso")),
                                 .step = json_integer_value(json_object_get(root, "step")),

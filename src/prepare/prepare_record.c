@@ -5,7 +5,6 @@
 #include <errno.h>
 #include <fcntl.h>
 #include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 #include <sys/file.h>
 #include <sys/stat.h>
@@ -144,8 +143,9 @@ ern_status ern_prepare_record_open(struct ern_prepare_job *job, int *lock) {
   if (about == NULL) ERN_TRY(ern_fail(job->context, ERN_E_NO_MEMORY, "%s: no memory", job->folder));
   *lock = open(job->folder, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
   if (*lock < 0) ERN_TRY(ern_file_fail(job->context, job->folder, "open"));
-  if (flock(*lock, LOCK_EX | LOCK_NB) != 0)
-    ERN_TRY(ern_fail(job->context, ERN_E_BUSY, "%s: another process prepares it", job->folder));
+  const bool taken = flock(*lock, LOCK_EX | LOCK_NB) != 0;
+  if (taken) job->made = false; /* the other process uses it, empty as it still is */
+  if (taken) ERN_TRY(ern_fail(job->context, ERN_E_BUSY, "%s: another process prepares it", job->folder));
   if (fstat(*lock, &folder) != 0) ERN_TRY(ern_file_fail(job->context, job->folder, "open"));
   job->device = folder.st_dev;
   job->inode = folder.st_ino;
@@ -174,11 +174,11 @@ ern_status ern_prepare_record_save(struct ern_prepare_job *job) {
   ern_status status = ERN_OK;
   char path[ERN_PREPARE_PATH], *text = NULL;
   ERN_TRY(ern_prepare_path(job, path, "prepare.json"));
-  text = json_dumps(job->record, JSON_INDENT(2) | JSON_PRESERVE_ORDER);
+  text = ern_json_text(job->context, job->record, JSON_INDENT(2) | JSON_PRESERVE_ORDER);
   if (text == NULL) ERN_TRY(ern_fail(job->context, ERN_E_NO_MEMORY, "%s: no memory for it", path));
   status = ern_file_write(job->context, path, text, strlen(text), ERN_EXISTING_REPLACE);
 fail:
-  free(text);
+  ern_release(job->context, text);
   return status;
 }
 

@@ -4,7 +4,6 @@
 #include <jansson.h>
 #include <math.h>
 #include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 
 #include "core/format.h"
@@ -30,7 +29,6 @@ static json_t *settings_json(const ern_train_config *config) {
 
 ern_status ern_state_about_text(ern_context *context, const struct ern_state_about *about, char **text) {
   const bool fine = about->fine_from != UINT64_MAX;
-  *text = NULL;
   json_t *training = json_pack(
       "{s:o, s:b, s:s, s:s, s:f, s:o*, s:s, s:o*, s:b}", "settings", settings_json(&about->config), "torso_layer",
       about->layer, "features", about->features, "fingerprint", about->fingerprint, "seconds_beside", about->beside,
@@ -39,12 +37,10 @@ ern_status ern_state_about_text(ern_context *context, const struct ern_state_abo
   json_t *root =
       json_pack("{s:b, s:I, s:I, s:f, s:o}", "torso", about->torso, "step", (json_int_t)about->step, "ema_updates",
                 (json_int_t)about->ema_updates, "seconds", about->seconds, "training", training);
-  char *json = root != NULL ? json_dumps(root, JSON_COMPACT | JSON_REAL_PRECISION(17)) : NULL;
+  *text = ern_json_text(context, root, JSON_COMPACT | JSON_REAL_PRECISION(17));
   json_decref(root);
-  if (json == NULL) return ern_fail(context, ERN_E_NO_MEMORY, "state: the metadata could not be put together");
-  const ern_status status = ern_string_copy(context, json, text);
-  free(json);
-  return status;
+  if (*text != NULL) return ERN_OK;
+  return ern_fail(context, ERN_E_NO_MEMORY, "state: the metadata could not be put together");
 }
 
 /* ---- reading ----------------------------------------------------------------------------------------------------- */

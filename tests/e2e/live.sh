@@ -39,6 +39,16 @@ if [ -n "${ERNERF_TEST_LONG-}" ]; then
   head -c $((44 + 5 * 1280)) clip/aud.wav | tail -c $((5 * 1280)) > short.s16 # 5 frames of 40 ms
   live --audio short.s16 --audio-format s16le -o short.mp4 --json short.json
   grep -q '"frames": 5,' short.json || fail "short.json: $(head -12 short.json)"
+  # a server that accepts and reads nothing: it is not waited for without end, neither at the end nor for its answer
+  command -v python3 > /dev/null && {
+    python3 -c 'import socket, time
+s = socket.create_server(("127.0.0.1", 0)); open("port", "w").write(str(s.getsockname()[1])); time.sleep(300)' &
+    until [ -s port ]; do sleep 0.1; done
+    status=0; live --audio clip/aud.wav --size 256x256 -o "tcp://127.0.0.1:$(cat port)" 2> err.txt || status=$?
+    refused 1 $status "took no frame for 30 s"
+    status=0; live --audio clip/aud.wav -o "rtmp://127.0.0.1:$(cat port)/a/b" 2> err.txt || status=$?
+    refused 1 $status "has not answered for 30 s"
+  }
 fi
 # there already: refused; what is no sound: nothing is left
 live --audio clip/aud.wav -o a.mp4 2> err.txt && fail "a.mp4 was replaced"

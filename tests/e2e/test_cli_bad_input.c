@@ -1,6 +1,9 @@
 /* SPDX-License-Identifier: MIT
  * Bad input to the program: each is told with file, field, what was found and what was expected, ends with exit status
  * 1, and leaves nothing behind. */
+#include <fcntl.h>
+#include <sys/file.h>
+
 #include "cli.h"
 
 static struct cli cli;
@@ -357,6 +360,25 @@ static void test_no_place(void **state) {
   support_clear("x.safetensors"), support_clear("x.run");
 }
 
+/* Pictures that another process writes are not mixed with others, also with --overwrite; a lock that nobody holds does
+ * not matter, and none is left. */
+static void test_pictures_of_two(void **state) {
+  (void)state;
+  support_clear("two");
+  assert_int_equal(mkdir("two", 0777), 0);
+  const int lock = open("two/0.png.claim.ernerf-tmp", O_RDWR | O_CREAT, 0666);
+  assert_true(lock >= 0 && flock(lock, LOCK_EX) == 0);
+  cli_run(&cli, "render m.safetensors --clip base --frames 0:2 -y -o two/%%d.png --quiet");
+  cli_expect(&cli, 1, "two/%d.png: another process writes these pictures", NULL);
+  assert_false(cli_there("two/0.png") || cli_there("two/1.png"));
+  cli_run(&cli, "render m.safetensors --clip base --frames 1:2 -y -o two/%%d.png --quiet"); /* others */
+  cli_expect(&cli, 0, NULL);
+  close(lock);
+  cli_run(&cli, "render m.safetensors --clip base --frames 0:2 -y -o two/%%d.png --quiet");
+  cli_expect(&cli, 0, NULL);
+  assert_int_equal(cli_count("two"), 3); /* with all.png.provenance.json */
+}
+
 /* A disk that takes `bytes` bytes a file: the words, exit status 1, and none of the files. */
 static void refuse_full(size_t bytes, const char *line, const char *name) {
   support_clear("full");
@@ -430,6 +452,7 @@ int main(void) {
                                      cmocka_unit_test(test_output_is_input),
                                      cmocka_unit_test(test_output_is_of_the_clip),
                                      cmocka_unit_test(test_no_place),
+                                     cmocka_unit_test(test_pictures_of_two),
                                      cmocka_unit_test(test_full_disk),
                                      cmocka_unit_test(test_full_disk_keeps_the_set_long),
                                      cmocka_unit_test(test_full_output)};

@@ -13,8 +13,10 @@
 #include <jansson.h>
 
 #include "../made_clip.h"
+#include "core/memory.h"
 #include "ernerf/media.h"
 #include "journey.h"
+#include "model/model.h"
 
 static struct made data; /* its context and backend are not used */
 
@@ -250,6 +252,30 @@ static void test_json_of_a_model(void **state) {
   ern_context_free(&plain);
 }
 
+static void test_json_of_metadata(void **state) {
+  (void)state;
+  ern_context *context = support_context();
+  ern_model *model = NULL;
+  char *good = NULL, *text = NULL;
+  json_set_alloc_funcs(malloc, free);
+  support_ok(context, ern_model_load(&model, context, "portrait.safetensors"));
+  support_ok(context, ern_model_metadata(model, &good));
+  size_t refused = 0;
+  for (size_t at = 1; at == 1 || json_count >= json_at; at++) {
+    refuse_json_from(at);
+    const ern_status status = ern_model_metadata(model, &text);
+    json_counts = false;
+    refused += status != ERN_OK;
+    if (status == ERN_OK && strcmp(text, good) != 0) fail_msg("JSON allocation %zu: no error, but %s", at, text);
+    if (status == ERN_OK) ern_release(context, text);
+  }
+  assert_true(refused > 10);
+  refuse_json_from(0);
+  ern_release(context, good);
+  ern_model_free(&model);
+  ern_context_free(&context);
+}
+
 static void test_json_of_the_program(void **state) {
   (void)state;
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
@@ -305,6 +331,7 @@ int main(void) {
                                      cmocka_unit_test(test_convert),
                                      cmocka_unit_test(test_join),
                                      cmocka_unit_test(test_json_of_a_model),
+                                     cmocka_unit_test(test_json_of_metadata),
                                      cmocka_unit_test(test_json_of_the_program)};
   return cmocka_run_group_tests(tests, prepare, close_all);
 }

@@ -322,6 +322,33 @@ static void test_modes(void **state) {
   expect_text("d/private", "new");
 }
 
+/* A rename into an append-only folder or over one is refused by the kernel, so it is refused before the work. */
+static void test_append_only(void **state) {
+  (void)state;
+  support_write_text("d/log", "old");
+  if (system("chattr +a d/log 2>/dev/null") != 0) skip(); /* needs root, and a file system with attributes */
+  const ern_status asked = ern_file_check_output(context, "d/log");
+  assert_int_equal(system("chattr -a d/log && mkdir -p d/logs && chattr +a d/logs"), 0);
+  support_expect(context, asked, ERN_E_IO, "d/log", "append-only", NULL);
+  const ern_status in_folder = ern_file_check_output(context, "d/logs/new");
+  assert_int_equal(system("chattr -a d/logs"), 0);
+  support_expect(context, in_folder, ERN_E_IO, "d/logs/new", "append-only", NULL);
+  support_ok(context, put("d/log", "new"));
+  expect_text("d/log", "new");
+}
+
+static void test_mounted(void **state) {
+  (void)state;
+  support_write_text("d/source", "old");
+  support_write_text("d/mounted.json", "old");
+  if (system("unshare -m mount --bind d/source d/mounted.json 2>/dev/null") != 0) skip(); /* needs root */
+  assert_int_equal(system("unshare -m sh -c 'mount --bind d/source d/mounted.json && "
+                          "\"$ERNERF_BIN\" info devices --json=d/mounted.json -y' 2>d/words >d/out"),
+                   256);
+  assert_int_equal(system("grep -q 'd/mounted.json: cannot write: a file is mounted there' d/words"), 0);
+  expect_text("d/source", "old");
+}
+
 /* ---- files that are kept ----------------------------------------------------------------------------------------- */
 
 static void test_kept(void **state) {
@@ -454,6 +481,8 @@ int main(void) {
                                      cmocka_unit_test_setup_teardown(test_long_names, start, end),
                                      cmocka_unit_test_setup_teardown(test_links, start, end),
                                      cmocka_unit_test_setup_teardown(test_modes, start, end),
+                                     cmocka_unit_test_setup_teardown(test_append_only, start, end),
+                                     cmocka_unit_test_setup_teardown(test_mounted, start, end),
                                      cmocka_unit_test_setup_teardown(test_kept, start, end),
                                      cmocka_unit_test_setup_teardown(test_devices, start, end),
                                      cmocka_unit_test_setup_teardown(test_rights_of_a_leftover, start, end),

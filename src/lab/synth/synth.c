@@ -6,7 +6,6 @@
 #include <inttypes.h>
 #include <jansson.h>
 #include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
 #include <unistd.h>
@@ -16,6 +15,7 @@
 #include "ernerf-lab/synth.h"
 #include "ernerf/media.h"
 #include "io/file.h"
+#include "io/json.h"
 #include "io/npy.h"
 #include "lab/synth/synth_parts.h"
 
@@ -262,13 +262,13 @@ static ern_status write_transforms(struct work *work, const char *name, size_t f
                   m[1][3], m[2][0], m[2][1], m[2][2], m[2][3], m[3][0], m[3][1], m[3][2], m[3][3]);
     if (frame == NULL || json_array_append_new(list, frame) != 0) list = NULL;
   }
-  if (list != NULL) text = json_dumps(root, JSON_INDENT(1) | JSON_REAL_PRECISION(17));
+  if (list != NULL) text = ern_json_text(work->context, root, JSON_INDENT(1) | JSON_REAL_PRECISION(17));
   if (text == NULL) ERN_TRY(ern_fail(work->context, ERN_E_NO_MEMORY, "%s/%s: no memory for JSON", work->folder, name));
   ERN_TRY(ern_path_join(work->context, work->folder, name, &path));
   ERN_TRY(ern_file_write(work->context, path, text, strlen(text), ERN_EXISTING_BY_CONTEXT));
 fail:
   ern_release(work->context, path);
-  free(text);
+  ern_release(work->context, text);
   json_decref(root);
   return status;
 }

@@ -158,6 +158,8 @@ static int finish(struct live_job *job, int status) {
   if (mute) return EXIT_FAILURE; /* already reported */
   if (stopped && job->output.cut)
     return session_stop_with(session, "stopped; its reader did not take the end of the stream, which is cut");
+  if (job->output.cut)
+    return session_fail_with(session, "%s: took no frame for 30 s; the end of the stream is cut", job->output.url);
   return stopped ? session_stop_with(session, "stopped; what was written is whole") : 0;
 }
 

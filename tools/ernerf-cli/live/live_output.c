@@ -10,6 +10,9 @@ enum { LATE_BINS = 1001, TEXT_BYTES = 2048 };
 
 /* Seconds at the end that the reader of a pipe or address has to receive the queued frames and the stream's trailer. */
 static const double grace = 2;
+/* Seconds that an address may take to answer, and at the end of the stream to take a frame: one whose server reads
+ * nothing would be waited for without end. */
+static const double patience_of_address = 30;
 
 static bool is_over(const struct live_output *output) { return session_seconds() >= atomic_load(&output->stop_at); }
 
@@ -42,6 +45,7 @@ static void keep_error(struct live_output *output) {
 }
 
 static void count_late(struct live_output *output, double due) {
+  if (atomic_load(&output->patient)) atomic_store(&output->stop_at, session_seconds() + patience_of_address);
   const double late = 1000 * (session_seconds() - due);
   const size_t bin = late <= 0 ? 0 : late >= LATE_BINS - 1 ? LATE_BINS - 1 : (size_t)late;
   atomic_fetch_add(&output->late[bin], 1);
@@ -128,6 +132,8 @@ int live_output_open(struct live_output *output, struct session *session, struct
   output->session = session;
   output->context = session->context;
   output->serves_http = output->write == NULL && strncmp(output->url, "http://", 7) == 0;
+  output->connects = output->write == NULL && !output->serves_http && ern_stream_file(output->url) == NULL &&
+                     strcmp(output->url, "-") != 0;
   output->options = ern_stream_options_default(size.width, size.height);
   output->options.format = output->format;
   output->options.rate_numerator = rate.numerator;
@@ -145,9 +151,13 @@ int live_output_open(struct live_output *output, struct session *session, struct
   atomic_store(&output->stop_at, INFINITY);
   queue_make(&output->queue, LIVE_PICTURES);
   if (make_pictures(output, (size_t)((double)sound_rate / rate_value(rate)) + 2) != 0) return EXIT_FAILURE;
+  if (output->connects) atomic_store(&output->stop_at, session_seconds() + patience_of_address);
   if (!output->serves_http && open_stream(output) != ERN_OK)
     return session_interrupted() ? session_stop_with(session, "stopped before %s had a reader", output->url)
-                                 : session_fail(session);
+           : is_over(output)
+               ? session_fail_with(session, "%s: has not answered for %g s", output->url, patience_of_address)
+               : session_fail(session);
+  atomic_store(&output->stop_at, INFINITY);
   atomic_store(&output->running, true);
   if (pthread_create(&output->thread, NULL, write_frames, output) == 0) return 0;
   atomic_store(&output->running, false);
@@ -186,7 +196,10 @@ static void stop_writer(struct live_output *output, double patience) {
   atomic_store(&output->running, false);
 }
 
-void live_output_close(struct live_output *output, bool soon) { stop_writer(output, soon ? grace : INFINITY); }
+void live_output_close(struct live_output *output, bool soon) {
+  atomic_store(&output->patient, !soon && output->connects);
+  stop_writer(output, soon ? grace : output->connects ? patience_of_address : INFINITY);
+}
 
 void live_output_fail(struct live_output *output) {
   atomic_store(&output->given_up, true);

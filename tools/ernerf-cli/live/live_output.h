@@ -45,8 +45,10 @@ struct live_output {
   struct bounded_queue queue;
   pthread_t thread;
   bool serves_http;       /* HTTP server: serves one reader after another */
+  bool connects;          /* to the server of an address */
   atomic_bool running;    /* the thread runs */
   atomic_bool open;       /* a reader is connected */
+  atomic_bool patient;    /* at the end of the stream each frame that is written moves stop_at */
   _Atomic double stop_at; /* from this time (session_seconds) on, stop waiting for readers */
   atomic_bool given_up;   /* drawing has failed: the stream gets no proper end, a file is not created */
   /* valid after the thread has ended */
@@ -67,7 +69,8 @@ struct live_picture *live_output_next(struct live_output *output, bool *failed);
 /* Whether pictures may be recorded frames: not where they are written as RGBA. */
 bool live_output_takes_recorded(const struct live_output *output);
 void live_output_put(struct live_output *output);
-/* Writes the queued frames and ends the stream; soon: within 2 s, else it is left `cut`. output->error says whether the
+/* Writes the queued frames and ends the stream; soon: within 2 s, else it is left `cut`; also where an
+ * address takes no frame for 30 s. output->error says whether the
  * writer failed. */
 void live_output_close(struct live_output *output, bool soon);
 /* Abandons the stream. */

@@ -2,11 +2,15 @@
 #include "output/sink.h"
 
 #include <errno.h>
+#include <fcntl.h>
 #include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <strings.h>
+#include <sys/file.h>
+#include <sys/stat.h>
+#include <unistd.h>
 
 enum { PATH_BYTES = 4096, EXR_CHANNELS = 7, JPEG_QUALITY = 95 };
 
@@ -132,7 +136,35 @@ static bool numbered_path(const struct sink *sink, size_t number, char path[PATH
          PATH_BYTES;
 }
 
-int sink_check(const struct sink *sink, struct session *session, const struct frame_source *frame_source) {
+/* Locks the pictures from `first` on: a second process with --overwrite would mix its pictures into them. Where the
+ * lock's name is too long there is none. */
+static int claim(struct sink *sink, struct session *session, const char *first) {
+  char name[PATH_BYTES + 32];
+  struct stat opened, named;
+  snprintf(name, sizeof name, "%s.claim.ernerf-tmp", first);
+  for (;;) {
+    sink->claim = open(name, O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW, 0666);
+    if (sink->claim < 0 && errno == ENAMETOOLONG) return 0;
+    if (sink->claim < 0) return session_fail_with(session, "%s: cannot write: %s", name, strerror(errno));
+    const bool busy = flock(sink->claim, LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK;
+    /* the process that held the lock may have removed the file in between */
+    if (!busy && fstat(sink->claim, &opened) == 0 && lstat(name, &named) == 0 && opened.st_ino == named.st_ino) break;
+    (void)close(sink->claim);
+    if (busy) return session_fail_with(session, "%s: another process writes these pictures", sink->path);
+  }
+  sink->claim_name = strdup(name);
+  return 0;
+}
+
+/* A file with contents is not this program's. */
+static void release_claim(const struct sink *sink) {
+  struct stat about;
+  if (sink->claim_name == NULL) return;
+  if (fstat(sink->claim, &about) == 0 && about.st_size == 0) (void)unlink(sink->claim_name);
+  (void)close(sink->claim);
+}
+
+int sink_check(struct sink *sink, struct session *session, const struct frame_source *frame_source) {
   char path[PATH_BYTES];
   if (sink_on_stdout(sink)) return 0;
   if (sink->kind == SINK_VIDEO) return frame_source == NULL ? session_check_output(session, sink->path) : 0;
@@ -141,7 +173,9 @@ int sink_check(const struct sink *sink, struct session *session, const struct fr
       return session_fail_with(session, "%s: the name is too long", sink->path);
     if (session_check_output(session, path) != 0) return EXIT_FAILURE;
   }
-  return 0;
+  if (frame_source->count == 0) return 0;
+  (void)numbered_path(sink, frame_source->source_frame[0].number, path);
+  return claim(sink, session, path);
 }
 
 /* ---- writing: the writer's thread -------------------------------------------------------------------------------- */
@@ -404,5 +438,7 @@ void sink_free(struct sink *sink) {
   }
   free(sink->channels);
   free(sink->error);
+  release_claim(sink);
+  free(sink->claim_name);
   *sink = (struct sink){0};
 }

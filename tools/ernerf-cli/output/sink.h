@@ -57,6 +57,8 @@ struct sink {
   bool running;
   ern_context *context;
   const ern_provenance *provenance; /* record that is written into the output; NULL: none */
+  char *claim_name;                 /* of the lock of numbered pictures; NULL: there is none */
+  int claim;                        /* its descriptor */
   char *error;                      /* why the writer failed; NULL: it did not. Read it after the thread has ended */
   double seconds;                   /* working time of the writer */
 };
@@ -78,8 +80,9 @@ bool sink_on_stdout(const struct sink *sink);
 int sink_choose(struct sink *sink, const struct args *args, const char *path);
 
 /* Fails if a file of the output exists without --overwrite, or cannot be written. With frame_source NULL checks a
- * video, otherwise the numbered pictures. Returns 0, or EXIT_FAILURE after a message. */
-int sink_check(const struct sink *sink, struct session *session, const struct frame_source *frame_source);
+ * video, otherwise the numbered pictures, which it locks up to sink_free. Returns 0, or EXIT_FAILURE after a message.
+ */
+int sink_check(struct sink *sink, struct session *session, const struct frame_source *frame_source);
 
 /* Allocates the buffers, opens the video of `rate` frames a second and starts the writer, with `sound` from
  * `sound_start` seconds on (NULL: silent). model: the attention maps that it has are written too. provenance must
