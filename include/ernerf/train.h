@@ -92,8 +92,9 @@ typedef struct ern_dataset {
                          gets noise. Its standard deviation is speech_noise times that of the same column of `features`
                          over all windows */
   const char *fingerprint; /* of the files of its frames: 64 bytes at most, another text where files were exchanged. A
-                              resume warns of another one than the state's; processes that train one model
-                              (ern_communicator) need the same. "" or NULL: it is not known */
+                              resume warns of another one than the state's, of which a longer one may be the
+                              continuation; processes that train one model (ern_communicator) need the same. "" or
+                              NULL: it is not known */
   bool has_torso_motion;   /* frames have the motion of the body: a torso is trained with it */
 } ern_dataset;
 

@@ -2,6 +2,7 @@
  * Renders rays from direction to pixel, tile by tile, by the separate stages. */
 #include "backend_cpu/slots.h"
 #include "core/memory.h"
+#include "core/profile.h"
 #include "render/render_ops.h"
 #include "render/stages.h"
 
@@ -10,7 +11,8 @@ enum { RAY_TILE = 1024 /* rays that a worker renders at a time */ };
 struct render_job {
   struct ern_cpu_stream *stream;
   const struct ern_render_rays_args *args;
-  ern_status *status; /* by tile */
+  ern_status *status;          /* by tile */
+  struct ern_profile *profile; /* by tile, NULL: not asked for; tiles are counted at the same time */
 };
 
 static ern_span part(ern_span span, size_t begin, size_t count) {
@@ -36,6 +38,7 @@ static void render_rays_task(void *user, size_t tile, int worker) {
   a.eye = part(a.eye, begin, n);
   a.pixel_number = part(a.pixel_number, begin, n);
   a.n = n;
+  if (job->profile != NULL) a.profile = &job->profile[tile];
   job->status[tile] = ern_render_rays_stages(&job->stream->worker[worker]->base, &a);
 }
 
@@ -53,8 +56,12 @@ ern_status ERN_REF(ern_cpu_render_rays)(struct ern_stream *stream, struct ern_re
   struct render_job job = {.stream = cpu, .args = a};
   ern_status status = ERN_NEW(stream->backend->context, tiles, &job.status);
   if (status != ERN_OK) return status;
+  if (a->profile != NULL) ERN_TRY(ERN_NEW(stream->backend->context, tiles, &job.profile));
   ern_pool_run(cpu->pool, tiles, render_rays_task, &job);
   for (size_t t = 0; t < tiles && status == ERN_OK; t++) status = job.status[t];
+  for (size_t t = 0; t < tiles && job.profile != NULL; t++) ern_profile_add(a->profile, &job.profile[t]);
+fail:
+  ern_release(stream->backend->context, job.profile);
   ern_release(stream->backend->context, job.status);
   return status;
 }

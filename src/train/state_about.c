@@ -204,6 +204,13 @@ static ern_status compare_settings(const struct ern_training *t, const char *pat
   return status;
 }
 
+/* Whether two fingerprints are the same as far as both are known: one of an earlier version is the beginning of
+ * today's. */
+static bool do_agree(const char *one, const char *other) {
+  const size_t first = strlen(one), second = strlen(other);
+  return strncmp(one, other, first < second ? first : second) == 0;
+}
+
 ern_status ern_state_about_check(const struct ern_training *t, const char *path, const struct ern_state_about *about,
                                  const struct ern_state_about *here, const struct ern_view_settings *view) {
   const bool planned = about->fine_from != UINT64_MAX || about->config.fine_share > 0;
@@ -213,7 +220,7 @@ ern_status ern_state_about_check(const struct ern_training *t, const char *path,
   struct ern_view_settings rest = *view;
   rest.max_steps = t->config.max_steps;
   ERN_TRY(ern_trainer_check_view(t, path, &rest, t->config.torso, true));
-  if (about->fingerprint[0] != 0 && here->fingerprint[0] != 0 && strcmp(about->fingerprint, here->fingerprint) != 0)
+  if (!do_agree(about->fingerprint, here->fingerprint))
     ern_log(t->context, ERN_LOG_WARNING,
             "%s: files of the clip's frames (pictures, masks, landmarks, blinks or torso.npy) are not those that it "
             "began with; going on with those of now",

@@ -24,10 +24,12 @@ static ern_status check_same_training(const struct ern_training *t) {
   char own[512], words[64];
   const ern_setting *s;
   ern_format(own, sizeof own,
-             "backend %s (%s), clip %.12s, files of its frames %s, scale %.9g, speech %.12s, %s of %zu parameters%s%s, "
+             "libernerf %s, backend %s (%s), clip %.12s, files of its frames %s, scale %.9g, speech %.12s, %s of %zu "
+             "parameters%s%s, "
              "loss of patches %s",
-             t->backend->name, t->backend->isa, t->identity, t->fingerprint[0] != 0 ? t->fingerprint : "not known",
-             (double)t->data.scale, t->features, t->config.torso ? "torso" : "head", t->model->field.parameters,
+             ern_version(), t->backend->name, t->backend->isa, t->identity,
+             t->fingerprint[0] != 0 ? t->fingerprint : "not known", (double)t->data.scale, t->features,
+             t->config.torso ? "torso" : "head", t->model->field.parameters,
              t->data.has_torso ? " with torso pictures" : "", t->data.head != NULL ? " with ern_dataset.head" : "",
              ern_trainer_fine_name(t));
   ern_status status = check_same(t, "", own);

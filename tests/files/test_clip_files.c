@@ -45,9 +45,17 @@ static void test_exchanged(void **state) {
   assert_int_equal(system("cp -r made copy && rm -r made && mv copy made"), 0);
   print_of(context, after);
   assert_string_equal(before, after);
-  support_ok(context, ern_image_write(context, "made/gt_imgs/2.jpg", &picture, 50));
+  /* other contents of the same size */
+  assert_int_equal(system("printf x | dd of=made/gt_imgs/3.jpg bs=1 conv=notrunc status=none "
+                          "seek=$(($(stat -c %s made/gt_imgs/3.jpg) - 20))"),
+                   0);
   print_of(context, after);
   assert_string_not_equal(before, after);
+  assert_memory_equal(before, after, 16);
+  support_ok(context, ern_image_write(context, "made/gt_imgs/2.jpg", &picture, 50));
+  print_of(context, before);
+  assert_string_not_equal(before, after);
+  print_of(context, after);
   picture.channels = 4;
   support_ok(context, ern_image_write(context, "made/torso_imgs/7.png", &picture, 50));
   print_of(context, before);

@@ -83,10 +83,10 @@ refused() { # WORDS PROCESSES OPTION...
 refused "3 processes share the 4 parts" 3 --rays 256
 refused "divides the 1 patches of a step of the fine stage" 0 --set step-parts=4 --rays 256 --patch-size 16 --set fine-steps=1
 
-# rank 1 differs in what decides no number of parameters: another picture or eye value, as of an earlier copy of the
-# clip; another scale; no torso pictures
+# rank 1 differs in what decides no number of parameters: another picture, also one whose file has the same size, or eye
+# value, as of an earlier copy of the clip; another scale; no torso pictures
 other() { # WORDS CLIP OPTION...: of rank 1
-  local words="rank 1 has backend cpu .*$1.*; rank 0 has backend"
+  local words="rank 1 has libernerf .*$1.*; rank 0 has libernerf"
   shift
   if "$mpirun" -n 1 "$ernerf" train clip -o refused.safetensors $few : -n 1 "$ernerf" train "$@" -o refused.safetensors $few > log.txt 2>&1; then
     fail "two processes train on different frames: $*"
@@ -99,6 +99,9 @@ few="--iters 1 --rays 64 --levels 2 --threads 1 --validate-frames 1 --quiet"
 cp -r "$source/data/tiny" picture
 cp picture/gt_imgs/4.jpg picture/gt_imgs/3.jpg
 other ", files of its frames" picture
+cp -r "$source/data/tiny" bytes # a file of the same size
+printf '\x55' | dd of=bytes/gt_imgs/3.jpg bs=1 seek=$(($(stat -c %s bytes/gt_imgs/3.jpg) - 20)) conv=notrunc status=none
+other ", files of its frames" bytes
 cp -r "$source/data/tiny" blink
 sed -i '5s/0[.]00/0.75/g' blink/au.csv
 other ", files of its frames" blink

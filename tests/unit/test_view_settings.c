@@ -193,6 +193,10 @@ static void test_resume_mixes_nothing(void **state) {
   made.data.fingerprint = "of the first";
   support_ok(made.context, train(&made, &config, NULL));
   config.resume = true;
+  made.data.fingerprint = "of the first, and more of it"; /* the state is an earlier version's */
+  reported[0] = 0;
+  support_ok(made.context, train(&made, &config, NULL));
+  assert_string_equal(reported, "");
   config.iters = 6;
   ern_train_config changed = config;
   changed.dt_gamma = 0.02f;

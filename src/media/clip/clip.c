@@ -38,8 +38,9 @@ struct ern_clip {
   ern_image background;
   ern_clip_frame *frames[2]; /* by ern_split */
   struct pictures truth, torso, head;
-  uint64_t hash; /* of sizes of pictures, of landmarks and eye values */
-  char fingerprint[17];
+  uint64_t hash;      /* of sizes of pictures, of landmarks and eye values */
+  uint64_t ends_hash; /* of the first and last bytes of pictures */
+  char fingerprint[33];
   uint64_t budget, used; /* bytes of kept pictures */
   pthread_mutex_t mutex; /* guards `used` and torso.kept among calls of ern_clip_torso */
 };
@@ -158,19 +159,36 @@ fail:
   return status;
 }
 
-/* Continues the clip's fingerprint, a hash (FNV-1a), with bytes that belong to a frame. */
-static void fold(ern_clip *clip, const void *bytes, size_t count) {
+/* Continues a hash of the clip's fingerprint (FNV-1a) with bytes that belong to a frame. */
+static void fold(uint64_t *hash, const void *bytes, size_t count) {
   const unsigned char *at = bytes;
-  for (size_t i = 0; i < count; i++) clip->hash = (clip->hash ^ at[i]) * 0x100000001b3;
+  for (size_t i = 0; i < count; i++) *hash = (*hash ^ at[i]) * 0x100000001b3;
+}
+
+/* Folds a picture's size, its first bytes and its last ones: the end of a PNG has a checksum of all its pixels, and
+ * that of a JPEG lies at other bits where anything before it is of another length. */
+static ern_status fold_picture(ern_clip *clip, const char *path) {
+  unsigned char end[4096];
+  struct ern_file_reader reader;
+  ern_status status = ern_file_reader_open(clip->context, path, SIZE_MAX, &reader);
+  if (status != ERN_OK) return status;
+  const size_t count = reader.size < sizeof end ? reader.size : sizeof end;
+  fold(&clip->hash, &reader.size, sizeof reader.size);
+  ERN_TRY(ern_file_reader_take(&reader, 0, end, count));
+  fold(&clip->ends_hash, end, count);
+  ERN_TRY(ern_file_reader_take(&reader, reader.size - count, end, count));
+  fold(&clip->ends_hash, end, count);
+fail:
+  ern_file_reader_close(&reader);
+  return status;
 }
 
 static ern_status check_picture(ern_clip *clip, ern_clip_part part, int64_t img_id) {
   ern_status status = ERN_OK;
   char *path = NULL;
-  struct stat about;
   ERN_TRY(ern_clip_part_path(clip->context, clip->folder, part, img_id, &path));
   ERN_TRY(ern_clip_picture_check(clip->context, path, clip->info.width, clip->info.height));
-  if (stat(path, &about) == 0) fold(clip, &about.st_size, sizeof about.st_size);
+  ERN_TRY(fold_picture(clip, path));
 fail:
   ern_release(clip->context, path);
   return status;
@@ -186,10 +204,10 @@ static ern_status open_frame(ern_clip *clip, ern_clip_frame *frame, const float 
     const float raw = blink[frame->pose.img_id];
     frame->eye = (raw < 0 ? 0.0f : raw > 2 ? 2.0f : raw) / 2; /* clamp(AU45_r, 0, 2)/2 */
   }
-  fold(clip, &frame->eye, sizeof frame->eye);
+  fold(&clip->hash, &frame->eye, sizeof frame->eye);
   if (motion != NULL) {
     memcpy(frame->torso_motion, motion[frame->pose.img_id], sizeof frame->torso_motion);
-    fold(clip, frame->torso_motion, sizeof frame->torso_motion);
+    fold(&clip->hash, frame->torso_motion, sizeof frame->torso_motion);
   }
   ERN_TRY(check_picture(clip, ERN_PART_TRUTH, frame->pose.img_id));
   if (clip->info.has_torso) ERN_TRY(check_picture(clip, ERN_PART_TORSO, frame->pose.img_id));
@@ -198,7 +216,7 @@ static ern_status open_frame(ern_clip *clip, ern_clip_frame *frame, const float 
     ERN_TRY(ern_clip_part_path(clip->context, clip->folder, ERN_PART_LANDMARKS, frame->pose.img_id, &path));
     ERN_TRY(ern_landmarks_read(clip->context, path, frame->landmarks));
     frame->has_landmarks = true;
-    fold(clip, frame->landmarks, sizeof frame->landmarks);
+    fold(&clip->hash, frame->landmarks, sizeof frame->landmarks);
   }
 fail:
   ern_release(clip->context, path);
@@ -297,10 +315,10 @@ static ern_status open_parts(ern_clip *clip, const ern_clip_options *options) {
   clip->info.has_torso_motion = motion != NULL;
   ERN_TRY(find_optional(clip));
   ERN_TRY(ern_clip_doubts(context, clip->folder, train, warn_of_doubt, clip));
-  clip->hash = 0xcbf29ce484222325;
+  clip->hash = clip->ends_hash = 0xcbf29ce484222325;
   ERN_TRY(open_split(clip, ERN_SPLIT_TRAIN, &lists[ERN_SPLIT_TRAIN], blink, (const float(*)[ERN_MOTION_VALUES])motion));
   ERN_TRY(open_split(clip, ERN_SPLIT_VAL, &lists[ERN_SPLIT_VAL], blink, (const float(*)[ERN_MOTION_VALUES])motion));
-  snprintf(clip->fingerprint, sizeof clip->fingerprint, "%016" PRIx64, clip->hash);
+  snprintf(clip->fingerprint, sizeof clip->fingerprint, "%016" PRIx64 "%016" PRIx64, clip->hash, clip->ends_hash);
 fail:
   ern_release(context, blink);
   ern_release(context, motion);

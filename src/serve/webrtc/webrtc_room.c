@@ -1,14 +1,18 @@
 /* SPDX-License-Identifier: MIT
- * Whether the system has what a viewer needs. GLib ends the process where it gets no open file or no thread, so both
- * are looked for before. */
+ * Whether the system has what a viewer needs. GLib ends the process where it gets no open file, no thread or no memory,
+ * so these are looked for before. */
+#define _GNU_SOURCE /* MAP_ANONYMOUS */
 #include <fcntl.h>
+#include <sys/mman.h>
 #include <sys/resource.h>
 
 #include "serve/webrtc/webrtc_shared.h"
 
 enum {
   FILES = 64 /* a viewer takes 9 on a machine of three addresses */,
-  THREADS = 16 /* it takes 7 */
+  THREADS = 16 /* it takes 7 */,
+  MEMORY =
+      640 << 20 /* the first one, with GStreamer, takes addresses of 815 MB where there are so many, and died of 470 */
 };
 
 static bool are_files_free(size_t count) {
@@ -35,4 +39,14 @@ static bool do_threads_start(void) {
   return started == THREADS;
 }
 
-bool webrtc_room_is_there(size_t spare_files) { return are_files_free(FILES + spare_files) && do_threads_start(); }
+/* Addresses: what `ulimit -v` limits. */
+static bool is_memory_free(void) {
+  void *room = mmap(NULL, MEMORY, PROT_NONE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+  if (room == MAP_FAILED) return false;
+  (void)munmap(room, MEMORY);
+  return true;
+}
+
+bool webrtc_room_is_there(size_t spare_files) {
+  return are_files_free(FILES + spare_files) && is_memory_free() && do_threads_start();
+}

@@ -155,7 +155,8 @@ bool webrtc_viewer_open(struct ern_webrtc_viewer *v, unsigned *status, char reas
   }
   if (done && !webrtc_room_is_there(v->spare_files)) {
     *status = BUSY;
-    snprintf(reason, WEBRTC_REASON, "the system has too few open files or threads for one more viewer by WebRTC");
+    snprintf(reason, WEBRTC_REASON,
+             "the system has too few open files or threads, or too little memory, for one more viewer by WebRTC");
     done = false;
   }
   if (done) {
