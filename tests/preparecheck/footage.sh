@@ -60,9 +60,8 @@ filtered bars.mp4 good "pad=456:256:100:0"
 filtered dimmer.mp4 good "eq=brightness='-0.1*sin(t)':eval=frame"
 made right_is_minus_left.mkv "cancel each other" -c:v copy \
   -af "aformat=channel_layouts=mono,pan=stereo|c0=c0|c1=-1*c0" -c:a pcm_s16le
-ff -display_rotation 90 -i good.mp4 -c copy aside.mp4
-ff -i aside.mp4 -vf null "${coded[@]}" turned.mp4 # upright again, 90 degrees on
-ff -display_rotation -90 -i turned.mp4 -c copy upright.mp4
+ff -i good.mp4 -vf transpose=2 "${coded[@]}" aside.mp4
+ff -i aside.mp4 -c copy -metadata:s:v rotate=270 upright.mp4 # degrees clockwise, as phones write it
 judge upright.mp4 good
 
 # Sound.
