@@ -156,6 +156,7 @@ static ern_status open_decoder(struct ern_decoder *decoder, enum AVMediaType typ
   decoder->codec->pkt_timebase = decoder->stream->time_base;
   decoder->codec->thread_count = threads;
   decoder->codec->max_pixels = most_pixels;
+  decoder->codec->flags |= AV_CODEC_FLAG_UNALIGNED; /* else FFmpeg leaves columns that the stream crops at the left */
   if (error >= 0) error = avcodec_open2(decoder->codec, codec, NULL);
   if (error < 0) return ern_av_fail(context, ERN_E_MEDIA, decoder->path, "open a decoder", error);
   return ERN_OK;

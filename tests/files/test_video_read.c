@@ -160,8 +160,8 @@ static void remux(const char *from, const char *to, double later, double until, 
   av_dict_free(&options);
 }
 
-/* Copies the coded pictures of a file to one of another format. */
-static void copy_pictures(const char *from, const char *to, enum AVFieldOrder order) {
+/* Copies the coded pictures of a file to one of another format. change: FFmpeg's filter of H.264. */
+static void copy_changed(const char *from, const char *to, enum AVFieldOrder order, const char *change) {
   AVFormatContext *in = NULL, *out = NULL;
   AVPacket *packet = av_packet_alloc();
   AVBSFContext *plain = NULL;
@@ -174,7 +174,7 @@ static void copy_pictures(const char *from, const char *to, enum AVFieldOrder or
   stream->codecpar->field_order = order;
   stream->time_base = (AVRational){1, 25}; /* in AVI the duration of a frame */
   const bool h264 = stream->codecpar->codec_id == AV_CODEC_ID_H264;
-  assert_true(av_bsf_list_parse_str(h264 ? "h264_mp4toannexb" : "null", &plain) >= 0); /* for AVI */
+  assert_true(av_bsf_list_parse_str(h264 ? change : "null", &plain) >= 0);
   assert_true(avcodec_parameters_copy(plain->par_in, stream->codecpar) >= 0 && av_bsf_init(plain) >= 0);
   assert_true(avio_open(&out->pb, to, AVIO_FLAG_WRITE) >= 0 && avformat_write_header(out, NULL) >= 0);
   while (av_read_frame(in, packet) >= 0) {
@@ -192,6 +192,10 @@ static void copy_pictures(const char *from, const char *to, enum AVFieldOrder or
   avformat_close_input(&in);
   av_packet_free(&packet);
   av_bsf_free(&plain);
+}
+
+static void copy_pictures(const char *from, const char *to, enum AVFieldOrder order) {
+  copy_changed(from, to, order, "h264_mp4toannexb"); /* for AVI */
 }
 
 /* 4 s of grey and of sound that begins with a click. */
@@ -323,6 +327,35 @@ static void test_pixel_aspect_changes(void **state) {
     ern_image_free(context, &image);
     ern_video_reader_free(&reader);
   }
+}
+
+/* A stream that crops its pictures at all four edges shows what it crops to, at the left too. */
+static void test_cropped(void **state) {
+  (void)state;
+  enum { SIDE = 128, LEFT = 32, RIGHT = 16, TOP = 8, BOTTOM = 24 };
+  static uint8_t rgba[SIDE * SIDE * 4];
+  ern_video_options options = ern_video_options_default(SIDE, SIDE);
+  ern_video_writer *writer = NULL;
+  ern_video_reader *reader = NULL;
+  ern_image image = {0};
+  double seconds = 0;
+  bool end = false;
+  for (int k = 0; k < SIDE * SIDE; k++) memset(rgba + 4 * k, 40 + k % SIDE / 2 + k / SIDE, 4);
+  support_ok(context, ern_video_writer_open(context, "whole.mp4", &options, &writer));
+  for (int k = 0; k < 4; k++) support_ok(context, ern_video_writer_frame(writer, rgba));
+  support_ok(context, ern_video_writer_close(&writer));
+  copy_changed("whole.mp4", "cropped.ts", AV_FIELD_PROGRESSIVE,
+               "h264_mp4toannexb,h264_metadata=crop_left=32:crop_right=16:crop_top=8:crop_bottom=24");
+  support_ok(context, ern_video_reader_open(context, "cropped.ts", &reader));
+  support_ok(context, ern_video_reader_frame(reader, &image, &seconds, &end));
+  assert_false(end);
+  assert_int_equal(image.width, SIDE - LEFT - RIGHT);
+  assert_int_equal(image.height, SIDE - TOP - BOTTOM);
+  for (int y = 0; y < image.height; y++)
+    for (int x = 0; x < image.width; x++)
+      assert_true(abs(image.data[image.channels * (y * image.width + x)] - (40 + (x + LEFT) / 2 + y + TOP)) <= 4);
+  ern_image_free(context, &image);
+  ern_video_reader_free(&reader);
 }
 
 /* A file that ends between two packets, its header first, is read up to there, with a warning for each stream. */
@@ -502,6 +535,7 @@ int main(void) {
       cmocka_unit_test(test_pixel_aspect_changes),
       cmocka_unit_test(test_cut_matroska),
       cmocka_unit_test(test_interlaced),
+      cmocka_unit_test(test_cropped),
       cmocka_unit_test(test_interlaced_tape),
       cmocka_unit_test(test_transparent),
       cmocka_unit_test(test_cut_between_packets),
