@@ -47,7 +47,7 @@ typedef struct ern_prepare_options {
   const char *segment;
   /* A network that finds faces and eyes, FILE.onnx: YuNet (docs/prepare.md). NULL: OpenCV's cascades. */
   const char *detector;
-  /* How much later the sound of the video is than the mouth, which aud.wav makes up for: seconds, "-1" to "1", below 0
+  /* How much later the sound of the video is than the mouth, which aud.wav makes up for: seconds, "-2" to "2", below 0
    * where it is earlier. "auto" or NULL (default): what the step "features" measures, where it is certain, else 0. */
   const char *sound_offset;
 } ern_prepare_options;

@@ -12,7 +12,8 @@
 
 enum {
   RATE = ERN_PREPARE_SOUND_RATE,
-  MOST_LAG = 12,   /* frames */
+  MOST_LAG = 30,   /* frames */
+  PART_OF = 8,     /* the part of the frames that a lag has at most: the rest must tell it by itself */
   SECOND = 25,     /* frames */
   APART = 4,       /* frames between lags that compete */
   FEWEST = 4 * 25, /* frames for a measurement */
@@ -25,10 +26,10 @@ ern_status ern_sound_offset_read(ern_context *context, const char *text, double 
   const char *at = text;
   *seconds = 0;
   *automatic = text == NULL || strcmp(text, "auto") == 0;
-  if (*automatic || (ern_number_read(&at, text + strlen(text), seconds) && *at == 0 && fabs(*seconds) <= 1))
+  if (*automatic || (ern_number_read(&at, text + strlen(text), seconds) && *at == 0 && fabs(*seconds) <= 2))
     return ERN_OK;
   return ern_fail(context, ERN_E_ARGUMENT,
-                  "prepare: sound_offset is \"%.60s\", expected \"auto\", or seconds of -1 to 1", text);
+                  "prepare: sound_offset is \"%.60s\", expected \"auto\", or seconds of -2 to 2", text);
 }
 
 ern_status ern_prepare_sound_read(struct ern_prepare_job *job, size_t frames, double offset, ern_sound *sound,
@@ -86,27 +87,28 @@ static double jaw_of(const float *window) {
   return sum;
 }
 
-/* The best of the correlations r[2 MOST_LAG + 1], by a parabola through its neighbours. */
-static void find_best(const double *r, struct ern_sound_lag *lag) {
+/* The best of the correlations r[2 most + 1], by a parabola through its neighbours. */
+static void find_best(const double *r, int most, struct ern_sound_lag *lag) {
   int best = 0;
   double other = -1;
-  for (int k = 1; k <= 2 * MOST_LAG; k++)
+  for (int k = 1; k <= 2 * most; k++)
     if (r[k] > r[best]) best = k;
-  for (int k = 0; k <= 2 * MOST_LAG; k++)
+  for (int k = 0; k <= 2 * most; k++)
     if (abs(k - best) >= APART) other = fmax(other, r[k]);
   double between = 0;
-  if (best > 0 && best < 2 * MOST_LAG)
+  if (best > 0 && best < 2 * most)
     between = 0.5 * (r[best - 1] - r[best + 1]) / fmin(r[best - 1] - 2 * r[best] + r[best + 1], -1e-9);
   *lag = (struct ern_sound_lag){
-      .seconds = (best - MOST_LAG + between) / SECOND,
+      .seconds = (best - most + between) / SECOND,
       .correlation = r[best],
-      .certain = best > 0 && best < 2 * MOST_LAG && r[best] >= least_correlation && r[best] - other >= least_margin};
+      .certain = best > 0 && best < 2 * most && r[best] >= least_correlation && r[best] - other >= least_margin};
 }
 
 ern_status ern_sound_lag_measure(ern_context *context, const ern_features *cepstra, const float *opening, size_t frames,
                                  struct ern_sound_lag *lag) {
   ern_status status = ERN_OK;
   const size_t count = frames < cepstra->windows ? frames : cepstra->windows;
+  const int most = (int)(count / PART_OF < MOST_LAG ? count / PART_OF : MOST_LAG);
   double *mouth = NULL, *jaw = NULL, *fast[2] = {NULL, NULL}, r[2 * MOST_LAG + 1];
   *lag = (struct ern_sound_lag){0};
   if (count < FEWEST) return ERN_OK;
@@ -119,8 +121,8 @@ ern_status ern_sound_lag_measure(ern_context *context, const ern_features *cepst
   }
   keep_fast(mouth, count, fast[0]);
   keep_fast(jaw, count, fast[1]);
-  for (int k = 0; k <= 2 * MOST_LAG; k++) r[k] = correlate(fast[0], fast[1], (long)count, k - MOST_LAG);
-  find_best(r, lag);
+  for (int k = 0; k <= 2 * most; k++) r[k] = correlate(fast[0], fast[1], (long)count, k - most);
+  find_best(r, most, lag);
 fail:
   ern_release(context, mouth);
   ern_release(context, jaw);

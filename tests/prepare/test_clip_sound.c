@@ -37,18 +37,22 @@ static struct ern_sound_lag measure(const double *jaw, const float *opening, siz
 
 static void test_lag(void **state) {
   (void)state;
-  double jaw[FRAMES + 40], other[FRAMES + 40];
+  enum { ROOM = 32 };
+  double jaw[FRAMES + 2 * ROOM], other[FRAMES + 2 * ROOM];
   float opening[FRAMES];
-  make_jaw(jaw, FRAMES + 40, 77);
-  make_jaw(other, FRAMES + 40, 78);
-  for (int late = -9; late <= 9; late += 3) {
+  make_jaw(jaw, FRAMES + 2 * ROOM, 77);
+  make_jaw(other, FRAMES + 2 * ROOM, 78);
+  for (int late = -28; late <= 28; late += 4) {
     uint64_t noise = 5;
     /* the mouth also smiles for seconds, and the landmarks tremble */
     for (int i = 0; i < FRAMES; i++)
-      opening[i] = (float)(0.1 + 0.02 * jaw[20 + late + i] + 0.05 * sin(i / 40.0) + 0.01 * made_random(&noise));
-    const struct ern_sound_lag lag = measure(jaw + 20, opening, FRAMES);
+      opening[i] = (float)(0.1 + 0.02 * jaw[ROOM + late + i] + 0.05 * sin(i / 40.0) + 0.01 * made_random(&noise));
+    const struct ern_sound_lag lag = measure(jaw + ROOM, opening, FRAMES);
     assert_true(lag.certain && fabs(lag.seconds - late / 25.0) < 0.01 && lag.correlation > 0.8);
   }
+  for (int i = 0; i < FRAMES; i++) opening[i] = (float)jaw[ROOM + 20 + i];
+  assert_true(measure(jaw + ROOM, opening, 200).certain);
+  assert_false(measure(jaw + ROOM, opening, 150).certain); /* 6 s: a lag of 0.72 s at most */
   for (int i = 0; i < FRAMES; i++) opening[i] = (float)other[i];
   assert_false(measure(jaw, opening, FRAMES).certain); /* another's words */
   for (int i = 0; i < FRAMES; i++) opening[i] = (float)jaw[i];
@@ -77,7 +81,7 @@ static void test_speech_share(void **state) {
 static void test_offset(void **state) {
   (void)state;
   ern_context *context = support_context();
-  static const char *const wrong[] = {"", "x", "0,1", "1.01", "-2", "0.1 s", "nan"};
+  static const char *const wrong[] = {"", "x", "0,1", "2.01", "-3", "0.1 s", "nan"};
   double seconds = 7;
   bool automatic = false;
   support_ok(context, ern_sound_offset_read(context, NULL, &seconds, &automatic));

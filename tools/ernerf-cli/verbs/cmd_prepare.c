@@ -119,7 +119,7 @@ int cmd_prepare(int argc, char **argv) {
       {ARGS_FLOAT("focal", &job.focal, 0, 1e5), .choices = "PIXELS",
        .help = "focal length in pixels of the clip's pictures (default 1100/450 of their side)"},
       {ARGS_TEXT("sound-offset", &o->sound_offset), .choices = "auto|SECONDS",
-       .help = "how much later the sound is than the mouth, -1 to 1, which the clip's sound makes up for; auto: as "
+       .help = "how much later the sound is than the mouth, -2 to 2, which the clip's sound makes up for; auto: as "
                "measured, where that is certain (default auto)"},
       {ARGS_FLAG("head-only", &o->head_only),
        .help = "make a clip of the head alone: for footage that does not show the shoulders"},
