@@ -57,7 +57,7 @@ judge good.mp4 good
 filtered fifty.mp4 good "fps=50"
 filtered wide_pixels.mp4 good "scale=192:256,setsar=4/3"
 filtered bars.mp4 good "pad=456:256:100:0"
-filtered dimmer.mp4 good "eq=brightness='-0.1*sin(t)':eval=frame"
+filtered dimmer.mp4 good "eq=brightness='-0.03*sin(t)':eval=frame"
 made right_is_minus_left.mkv "cancel each other" -c:v copy \
   -af "aformat=channel_layouts=mono,pan=stereo|c0=c0|c1=-1*c0" -c:a pcm_s16le
 ff -i good.mp4 -vf transpose=2 "${coded[@]}" aside.mp4
