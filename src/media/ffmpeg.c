@@ -195,7 +195,7 @@ static ern_status open_live(struct ern_decoder *decoder, const struct ern_decode
     ERN_TRY(ern_fail(context, ERN_E_NO_MEMORY, "%s: no memory for a decoder", decoder->path));
   decoder->container->pb = input->io;
   decoder->container->interrupt_callback = input->interrupt;
-  decoder->container->flags |= AVFMT_FLAG_NOBUFFER;
+  if (!input->whole) decoder->container->flags |= AVFMT_FLAG_NOBUFFER;
   int error = av_dict_copy(&options, input->options, 0);
   if (error >= 0 && input->io != NULL) error = av_dict_set(&options, "protocol_whitelist", "none", 0);
   if (error >= 0 && input->format == NULL) error = allow_formats(&options);

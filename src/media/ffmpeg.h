@@ -52,6 +52,8 @@ struct ern_decoder_input {
   const AVInputFormat *format; /* NULL: FFmpeg probes it */
   AVDictionary *options;       /* for the demuxer; owned by the caller */
   AVIOInterruptCB interrupt;
+  bool whole; /* what is read to find out what is in it, up to half a second, is decoded too: a device or a server would
+                 stay late by as much */
 };
 /* As ern_decoder_open, for live input: it reads no more input ahead than decoding needs. `path` is for messages. */
 ERN_NODISCARD ern_status ern_decoder_open_live(ern_context *context, const char *path,

@@ -1,6 +1,5 @@
 /* SPDX-License-Identifier: MIT
  * Sound files: what is written comes back to the sample, other forms become 16-bit, nonsense is refused. */
-#include <libavutil/channel_layout.h>
 #include <math.h>
 #include <signal.h>
 #include <sys/resource.h>
@@ -8,8 +7,10 @@
 #include <unistd.h>
 
 #include "core/memory.h"
+#include "encoded_sound.h"
 #include "ernerf/media.h"
 #include "ernerf/speech.h"
+#include "ernerf/stream.h"
 #include "io/file.h"
 #include "media/sound_decoder.h"
 #include "support.h"
@@ -379,88 +380,24 @@ static void test_times(void **state) {
   }
 }
 
-struct encoded {
-  enum AVCodecID codec;
-  const char *form; /* of FFmpeg's */
-  int tracks;       /* 2: and one of pictures, without any */
-  int64_t page;     /* of Ogg: the longest, microseconds */
-};
-
-static AVCodecContext *open_encoder(enum AVCodecID id, int rate) {
-  const AVCodec *how = avcodec_find_encoder(id);
-  AVCodecContext *codec = avcodec_alloc_context3(how);
-  assert_true(how != NULL && codec != NULL);
-  codec->sample_rate = rate;
-  codec->sample_fmt = how->sample_fmts[0];
-  codec->time_base = (AVRational){1, rate};
-  codec->flags |= AV_CODEC_FLAG_GLOBAL_HEADER;
-  av_channel_layout_default(&codec->ch_layout, 1);
-  assert_true(avcodec_open2(codec, NULL, NULL) >= 0);
-  return codec;
-}
-
-static AVFormatContext *open_file(const char *path, const struct encoded *how, const AVCodecContext *codec) {
-  AVFormatContext *container = NULL;
-  AVDictionary *options = NULL;
-  assert_true(avformat_alloc_output_context2(&container, NULL, how->form, path) >= 0 &&
-              av_dict_set_int(&options, "page_duration", how->page, 0) >= 0);
-  AVStream *stream = avformat_new_stream(container, NULL);
-  assert_true(stream != NULL && avcodec_parameters_from_context(stream->codecpar, codec) >= 0);
-  if (how->tracks == 2) {
-    AVStream *pictures = avformat_new_stream(container, NULL);
-    assert_non_null(pictures);
-    pictures->codecpar->codec_type = AVMEDIA_TYPE_VIDEO;
-    pictures->codecpar->codec_id = AV_CODEC_ID_MJPEG;
-    pictures->codecpar->width = pictures->codecpar->height = 16;
+/* A reader of live sound gives the beginning too of a file that must be read into to be known. */
+static void test_reader_begins(void **state) {
+  (void)state;
+  static const struct encoded forms[] = {{AV_CODEC_ID_AAC, "adts", 1, 0}, {AV_CODEC_ID_MP2, "mp2", 1, 0}};
+  enum { RATE = 48000, COUNT = RATE * 4 / 5 };
+  static int16_t data[COUNT];
+  for (int i = 0; i < COUNT; i++) data[i] = (int16_t)(8000 * sin(i / 20.0));
+  const ern_sound sound = {.rate = RATE, .channels = 1, .frames = COUNT, .data = data};
+  for (size_t k = 0; k < sizeof forms / sizeof *forms; k++) {
+    ern_sound_reader *reader = NULL;
+    float samples[1024];
+    size_t all = 0, frames = 1;
+    (void)write_encoded("begins", &forms[k], &sound);
+    support_ok(context, ern_sound_reader_open(context, "begins", NULL, &reader));
+    for (; frames > 0; all += frames) support_ok(context, ern_sound_reader_read(reader, samples, 1024, &frames));
+    ern_sound_reader_free(&reader);
+    if (all < COUNT) fail_msg("%s: %zu of %d samples", forms[k].form, all, COUNT);
   }
-  assert_true(avio_open(&container->pb, path, AVIO_FLAG_WRITE) >= 0);
-  assert_true(avformat_write_header(container, &options) >= 0);
-  av_dict_free(&options);
-  return container;
-}
-
-/* One track; returns how much the file's times are later than the samples' own, s. */
-static double write_encoded(const char *path, const struct encoded *how, const ern_sound *sound) {
-  AVCodecContext *codec = open_encoder(how->codec, sound->rate);
-  AVFormatContext *container = open_file(path, how, codec);
-  AVFrame *frame = av_frame_alloc();
-  AVPacket *packet = av_packet_alloc();
-  int64_t first = AV_NOPTS_VALUE;
-  const int total = (int)sound->frames;
-  assert_true(frame != NULL && packet != NULL);
-  for (int at = 0; at <= total;) {
-    frame->format = codec->sample_fmt;
-    frame->sample_rate = sound->rate;
-    frame->nb_samples = total - at < codec->frame_size ? total - at : codec->frame_size;
-    frame->pts = at;
-    const bool last = frame->nb_samples == 0;
-    if (!last)
-      assert_true(av_channel_layout_copy(&frame->ch_layout, &codec->ch_layout) >= 0 &&
-                  av_frame_get_buffer(frame, 0) >= 0);
-    for (int i = 0; i < frame->nb_samples; i++) {
-      const int16_t value = sound->data[at + i];
-      if (av_get_bytes_per_sample(codec->sample_fmt) == 2)
-        ((int16_t *)(void *)frame->data[0])[i] = value;
-      else
-        ((float *)(void *)frame->data[0])[i] = (float)value / 32768;
-    }
-    at += last ? 1 : frame->nb_samples;
-    assert_true(avcodec_send_frame(codec, last ? NULL : frame) >= 0);
-    while (avcodec_receive_packet(codec, packet) >= 0) {
-      if (first == AV_NOPTS_VALUE) first = packet->pts;
-      packet->stream_index = 0;
-      av_packet_rescale_ts(packet, (AVRational){1, sound->rate}, container->streams[0]->time_base);
-      assert_true(av_write_frame(container, packet) >= 0);
-    }
-    av_frame_unref(frame);
-  }
-  assert_true(av_write_trailer(container) >= 0);
-  avio_closep(&container->pb);
-  avformat_free_context(container);
-  av_packet_free(&packet);
-  av_frame_free(&frame);
-  avcodec_free_context(&codec);
-  return first < 0 ? (double)-first / sound->rate : 0; /* a file's times begin at 0 */
 }
 
 /* A decoder of Vorbis or Opus gives nothing of what its encoder put before the sound: a click beside pictures is heard
@@ -587,14 +524,23 @@ static void test_sizes(void **state) {
 int main(void) {
   signal(SIGXFSZ, SIG_IGN);
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_sizes),          cmocka_unit_test(test_round_trip),
-      cmocka_unit_test(test_bytes_of_a_wav), cmocka_unit_test(test_other_forms_become_16_bit),
-      cmocka_unit_test(test_refused_files),  cmocka_unit_test(test_names_are_files),
-      cmocka_unit_test(test_no_samples),     cmocka_unit_test(test_refused_writes),
-      cmocka_unit_test(test_real_sound),     cmocka_unit_test(test_format_changes),
-      cmocka_unit_test(test_playlists),      cmocka_unit_test(test_late_track),
-      cmocka_unit_test(test_times),          cmocka_unit_test(test_encoders_delay),
-      cmocka_unit_test(test_cut_ogg),        cmocka_unit_test(test_shorter_than_it_says),
+      cmocka_unit_test(test_sizes),
+      cmocka_unit_test(test_round_trip),
+      cmocka_unit_test(test_bytes_of_a_wav),
+      cmocka_unit_test(test_other_forms_become_16_bit),
+      cmocka_unit_test(test_refused_files),
+      cmocka_unit_test(test_names_are_files),
+      cmocka_unit_test(test_no_samples),
+      cmocka_unit_test(test_refused_writes),
+      cmocka_unit_test(test_real_sound),
+      cmocka_unit_test(test_format_changes),
+      cmocka_unit_test(test_playlists),
+      cmocka_unit_test(test_late_track),
+      cmocka_unit_test(test_times),
+      cmocka_unit_test(test_encoders_delay),
+      cmocka_unit_test(test_reader_begins),
+      cmocka_unit_test(test_cut_ogg),
+      cmocka_unit_test(test_shorter_than_it_says),
   };
   return cmocka_run_group_tests_name("sound", tests, set_up, tear_down);
 }

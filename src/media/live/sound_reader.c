@@ -103,6 +103,7 @@ static ern_status open_input(ern_sound_reader *r, const char *url) {
     ERN_TRY(ern_av_url(context, path, &file));
     input.url = file;
   }
+  input.whole = path != NULL; /* a file or a pipe */
   int error = av_dict_set(&input.options, "protocol_whitelist", file != NULL ? "file" : NULL, 0);
   if (error >= 0) error = describe(&r->options, device, &input.options);
   if (error < 0) ERN_TRY(ern_fail(context, ERN_E_NO_MEMORY, "%s: no memory", url));
