@@ -25,8 +25,7 @@ static ern_status check_same_training(const struct ern_training *t) {
   const ern_setting *s;
   ern_format(own, sizeof own,
              "libernerf %s, backend %s (%s), clip %.12s, files of its frames %s, scale %.9g, speech %.12s, %s of %zu "
-             "parameters%s%s, "
-             "loss of patches %s",
+             "parameters%s%s, loss of patches %s",
              ern_version(), t->backend->name, t->backend->isa, t->identity,
              t->fingerprint[0] != 0 ? t->fingerprint : "not known", (double)t->data.scale, t->features,
              t->config.torso ? "torso" : "head", t->model->field.parameters,

@@ -324,8 +324,8 @@ static void check_blink(struct report *report) {
     add_line(report, THERE, "au.csv: AU45_r in %zu rows, up to %.3g.", count, (double)most);
   } else {
     add_line(report, OPTIONAL,
-             "au.csv: AU45_r stays from %.3g to %.3g, no more than four of %zu rows left out: nobody blinks, so no "
-             "blinking will be learnt.",
+             "au.csv: AU45_r stays from %.3g to %.3g in %zu rows, the two largest and the two least left out: nobody "
+             "blinks, so no blinking will be learnt.",
              (double)least, (double)most, count);
   }
   ern_release(report->context, blink);

@@ -57,8 +57,7 @@ static ern_status look_at_parsing(const struct doubts *doubts, const char *path,
   return ERN_OK;
 }
 
-/* Looks at no more than `most` frames' files of one part, evenly spaced. `format` takes the number of doubtful ones,
- * of those that were looked at, and the img_id of the first. */
+/* Looks at no more than `most` frames' files of one part, evenly spaced. `what` is wrong with the doubtful ones. */
 static ern_status look_at(const struct doubts *doubts, ern_clip_part part, size_t most, look *at, const char *what) {
   const size_t count = doubts->train->count, looked = count < most ? count : most;
   size_t wrong = 0;

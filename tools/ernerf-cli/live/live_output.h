@@ -69,9 +69,8 @@ struct live_picture *live_output_next(struct live_output *output, bool *failed);
 /* Whether pictures may be recorded frames: not where they are written as RGBA. */
 bool live_output_takes_recorded(const struct live_output *output);
 void live_output_put(struct live_output *output);
-/* Writes the queued frames and ends the stream; soon: within 2 s, else it is left `cut`; also where an
- * address takes no frame for 30 s. output->error says whether the
- * writer failed. */
+/* Writes the queued frames and ends the stream; soon: within 2 s, else it is left `cut`, as where an address takes no
+ * frame for 30 s. output->error says whether the writer failed. */
 void live_output_close(struct live_output *output, bool soon);
 /* Abandons the stream. */
 void live_output_fail(struct live_output *output);

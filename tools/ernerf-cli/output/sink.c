@@ -153,7 +153,10 @@ static int claim(struct sink *sink, struct session *session, const char *first) 
     if (busy) return session_fail_with(session, "%s: another process writes these pictures", sink->path);
   }
   sink->claim_name = strdup(name);
-  return 0;
+  if (sink->claim_name != NULL) return 0;
+  (void)unlink(name);
+  (void)close(sink->claim);
+  return session_fail_with(session, "%s: no memory for its lock", sink->path);
 }
 
 /* A file with contents is not this program's. */
