@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "core/floats.h"
+#include "core/interface_version.h"
 #include "media/thin/load_trial.h"
 
 ern_status ern_library_load(ern_context *context, const char *what, const struct ern_loaded_library *library,
@@ -26,12 +27,12 @@ ern_status ern_library_load(ern_context *context, const char *what, const struct
                     "%s: is computed by %s, which cannot be loaded: %s; expected a libernerf that was built with %s",
                     what, library->file, dlerror(), library->option);
   const char *const *version = dlsym(*handle, library->symbol); /* the table's first member */
-  if (version != NULL && strcmp(*version, ern_version()) == 0) {
+  if (version != NULL && strcmp(*version, ERN_INTERFACE_VERSION) == 0) {
     *table = version;
     return ERN_OK;
   }
   const ern_status status = ern_fail(context, ERN_E_UNSUPPORTED, "%s: %s is of version %s, expected %s", what,
-                                     library->file, version != NULL ? *version : "unknown", ern_version());
+                                     library->file, version != NULL ? *version : "unknown", ERN_INTERFACE_VERSION);
   (void)dlclose(*handle);
   *handle = NULL;
   return status;

@@ -16,6 +16,8 @@
 #include <string.h>
 #include <time.h>
 
+#include "core/interface_version.h"
+
 enum { SPINS = 200, MOST_LEVELS = 16, MOST_REQUESTS = 4, VALUES_TAG = 1, FIGURES_TAG = 2 };
 static const double give_up_seconds = 0.3;          /* mpirun kills 1 s after its request to end */
 static const double exit_wait_seconds[2] = {2, 10}; /* of rank 0, and of others: it may have to save */
@@ -294,7 +296,6 @@ static void close_world(struct ern_mpi_world *world, int exit_status) {
 
 #define TEXT_OF(x) #x
 #define TEXT(x) TEXT_OF(x)
-#define VERSION TEXT(ERN_VERSION_MAJOR) "." TEXT(ERN_VERSION_MINOR) "." TEXT(ERN_VERSION_PATCH)
 #ifdef OMPI_MAJOR_VERSION
 #define KIND "Open MPI " TEXT(OMPI_MAJOR_VERSION) "." TEXT(OMPI_MINOR_VERSION) "." TEXT(OMPI_RELEASE_VERSION)
 #elif defined(MPICH_VERSION)
@@ -303,4 +304,4 @@ static void close_world(struct ern_mpi_world *world, int exit_status) {
 #define KIND "MPI " TEXT(MPI_VERSION) "." TEXT(MPI_SUBVERSION)
 #endif
 
-const struct ern_mpi ern_mpi = {VERSION, KIND, open_world, close_world};
+const struct ern_mpi ern_mpi = {ERN_INTERFACE_VERSION, KIND, open_world, close_world};

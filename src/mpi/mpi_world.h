@@ -19,7 +19,7 @@ struct ern_mpi_world {
 
 /* The functions of the library. */
 struct ern_mpi {
-  const char *version; /* of the library: "0.1.0" */
+  const char *version; /* ERN_INTERFACE_VERSION */
   const char *mpi;     /* "Open MPI v4.1.4, ..." */
   /* Call it once a process, before any other MPI call (MPI_Init). interrupted: polled while this process waits for
    * others; where it returns true, the wait continues for a moment and then ends. */

@@ -10,6 +10,7 @@
 #include <utility>
 #include <vector>
 
+#include "core/interface_version.h"
 #include "perceptual/perceptual.h"
 
 /* Functions of the OpenMP runtime, NULL where oneDNN was built without OpenMP. */
@@ -311,6 +312,6 @@ void free_network(ern_perceptual_network *network) { delete network; }
 
 }  // namespace
 
-const struct ern_perceptual ern_perceptual = {VERSION_OF(ERN_VERSION_MAJOR, ERN_VERSION_MINOR, ERN_VERSION_PATCH),
+const struct ern_perceptual ern_perceptual = {ERN_INTERFACE_VERSION,
                                               VERSION_OF(DNNL_VERSION_MAJOR, DNNL_VERSION_MINOR, DNNL_VERSION_PATCH),
                                               open_network, distance_of, free_network};

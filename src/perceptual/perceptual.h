@@ -27,7 +27,7 @@ struct ern_perceptual_network;
 
 /* The functions of the library. A function that fails writes an error text to `words`. */
 struct ern_perceptual {
-  const char *version; /* of the library: "0.1.0" */
+  const char *version; /* ERN_INTERFACE_VERSION */
   const char *onednn;  /* "2.6.3" */
   /* Copies the weights. `in` of the first layer is 3, of each other one the `out` before it. */
   ern_status (*open)(const struct ern_perceptual_layer *layer, int layers, struct ern_perceptual_network **network,

@@ -71,7 +71,7 @@ struct ern_http_place {
 };
 
 struct ern_http_functions {
-  const char *version; /* of the library: "0.1.0" */
+  const char *version; /* ERN_INTERFACE_VERSION */
   /* error: why it could not start. On success the caller owns *server. */
   bool (*start)(const struct ern_http_options *options, struct ern_http_server **server, char *error, size_t bytes);
   int (*port)(const struct ern_http_server *server);

@@ -9,6 +9,7 @@
 #include <sys/socket.h>
 #include <time.h>
 
+#include "core/interface_version.h"
 #include "serve/whep.h"
 
 enum {
@@ -246,19 +247,15 @@ static void answer(void *token, const char *text) {
   serve_unlock(server);
 }
 
-#define TEXT_OF(x) #x
-#define TEXT_OF_VERSION(major, minor, patch) TEXT_OF(major) "." TEXT_OF(minor) "." TEXT_OF(patch)
-
-const struct ern_http_functions ern_http_functions = {
-    .version = TEXT_OF_VERSION(ERN_VERSION_MAJOR, ERN_VERSION_MINOR, ERN_VERSION_PATCH),
-    .start = start,
-    .port = port,
-    .stop = stop,
-    .add = add,
-    .remove = end_stream,
-    .write = write_stream,
-    .read = read_stream,
-    .sound = whep_sound,
-    .event = tell,
-    .state = set_state,
-    .answer = answer};
+const struct ern_http_functions ern_http_functions = {.version = ERN_INTERFACE_VERSION,
+                                                      .start = start,
+                                                      .port = port,
+                                                      .stop = stop,
+                                                      .add = add,
+                                                      .remove = end_stream,
+                                                      .write = write_stream,
+                                                      .read = read_stream,
+                                                      .sound = whep_sound,
+                                                      .event = tell,
+                                                      .state = set_state,
+                                                      .answer = answer};

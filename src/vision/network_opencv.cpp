@@ -8,6 +8,7 @@
 #include <opencv2/video.hpp>
 #include <string>
 
+#include "core/interface_version.h"
 #include "vision/vision.h"
 
 struct ern_vision_network {
@@ -153,12 +154,5 @@ ern_status optical_flow(const unsigned char *from, const unsigned char *to, int 
 
 }  // namespace
 
-#define TEXT_OF(x) #x
-#define VERSION(a, b, c) TEXT_OF(a) "." TEXT_OF(b) "." TEXT_OF(c)
-
-const struct ern_vision ern_vision = {VERSION(ERN_VERSION_MAJOR, ERN_VERSION_MINOR, ERN_VERSION_PATCH),
-                                      CV_VERSION,
-                                      network_open,
-                                      network_run,
-                                      network_free,
-                                      optical_flow};
+const struct ern_vision ern_vision = {ERN_INTERFACE_VERSION, CV_VERSION,   network_open,
+                                      network_run,           network_free, optical_flow};

@@ -24,7 +24,7 @@ struct ern_vision_network;
 
 /* The functions of the library. A function that fails writes an error text to `words`, without the file's name. */
 struct ern_vision {
-  const char *version; /* of the library: "0.1.0" */
+  const char *version; /* ERN_INTERFACE_VERSION */
   const char *opencv;  /* "4.6.0" */
   /* Makes a network from the bytes of an ONNX file; the caller may free the bytes afterwards. The caller must have
    * validated the sizes in the file (io/onnx.h): OpenCV's importer does not. ERN_E_UNSUPPORTED: the importer refuses

@@ -6,8 +6,10 @@
 set -euo pipefail
 source=$1 build=$2 version=$3 program=$4
 work=$build/tests/work/test_abi
-private=LIBERNERF_PRIVATE_$version media_private=LIBERNERF_MEDIA_PRIVATE_$version
 fail() { echo "FAIL: $*"; exit 1; }
+interface=$(sed -n 's/^#define ERN_INTERFACE_VERSION "\(.*\)"$/\1/p' "$build/src/core/interface_version.h")
+[[ $interface =~ ^${version//./\\.}_[0-9a-f]{12}$ ]] || fail "the version of the interfaces is $interface"
+private=LIBERNERF_PRIVATE_$interface media_private=LIBERNERF_MEDIA_PRIVATE_$interface
 [ -e "$build/lib/libernerf.so" ] || { echo "the libraries are static"; exit 77; }
 rm -rf "$work" && mkdir -p "$work/other"
 
@@ -70,6 +72,17 @@ if LD_LIBRARY_PATH=$work/other "$program" --version >"$work/version" 2>"$work/re
 fi
 grep -q "$other" "$work/refused" || fail "the refusal does not name $other: $(cat "$work/refused")"
 
+# A library without private functions of libernerf, of the same version, that was built from other headers.
+rm "$work/other/libernerf-media.so.${version%%.*}"
+if [ -e "$build/lib/libernerf-mpi.so" ]; then
+  sed "s/$interface/${other#LIBERNERF_PRIVATE_}/g" "$build/lib/libernerf-mpi.so" >"$work/other/libernerf-mpi.so.${version%%.*}"
+  if OMPI_COMM_WORLD_SIZE=2 LD_LIBRARY_PATH=$work/other "$program" train "$work" -o "$work/x.safetensors" 2>"$work/refused"; then
+    fail "a libernerf-mpi of ${other#LIBERNERF_PRIVATE_} was loaded"
+  fi
+  grep -q "mpi.*is of version ${other#LIBERNERF_PRIVATE_}, expected $interface" "$work/refused" ||
+    fail "the refusal does not name both versions: $(cat "$work/refused")"
+fi
+
 # libernerf-media-impl has one symbol, and nobody links it.
 [ "$(exported "$impl")" = ern_media_functions ] || fail "libernerf-media-impl exports $(exported "$impl")"
 needs=$(ldd "$program" "$build/lib/libernerf-media.so" | grep -E 'avcodec|OpenImageIO|opencv|media-impl' || true)
@@ -82,7 +95,6 @@ needs=$(ldd "$program" "$build/lib/libernerf.so" "$impl" | grep -E 'ceres|cholmo
 if [ "${#libraries[@]}" -eq 2 ]; then
   ldd "${libraries[1]}" | grep opencv_objdetect >/dev/null || fail "libernerf-prepare needs no detector: is it this library?"
   sed "s/$private/$other/g" "${libraries[1]}" >"$work/other/libernerf-prepare.so.${version%%.*}"
-  rm "$work/other/libernerf-media.so.${version%%.*}"
   if LD_LIBRARY_PATH=$work/other "$program" prepare "$source/README.md" -o "$work/clip" 2>"$work/refused"; then
     fail "a libernerf-prepare that wants $other was loaded"
   fi

@@ -7,6 +7,7 @@ MPIRUN=mpirun.mpich
 . "$source/tests/mpi/common.sh"
 ln -s "$source/data/tiny" clip
 mpicc.mpich -std=c17 -O2 -Wall -Wextra -Werror -fPIC -shared -D_POSIX_C_SOURCE=200809L -I"$source/include" -I"$source/src" \
+  -I"${ernerf%/*}/../src" \
   "$source/src/mpi/mpi_world.c" -Wl,--version-script="$source/cmake/libernerf-mpi.map" -o libernerf-mpi.so.0
 export LD_LIBRARY_PATH=$folder${LD_LIBRARY_PATH:+:$LD_LIBRARY_PATH}
 head="--iters 5 --rays 256 --levels 6 --validate-frames 1 --set step-parts=4"

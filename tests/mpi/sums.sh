@@ -4,7 +4,8 @@
 ernerf=$1 source=$2 folder=$3
 . "$source/tests/mpi/common.sh"
 command -v mpicc > /dev/null || { echo "skipped: there is no mpicc"; exit 77; }
-mpicc -std=c17 -O2 -Wall -Wextra -Werror -D_POSIX_C_SOURCE=200809L -I"$source/include" -I"$source/src" -o tree_sums \
+mpicc -std=c17 -O2 -Wall -Wextra -Werror -D_POSIX_C_SOURCE=200809L -I"$source/include" -I"$source/src" \
+  -I"${ernerf%/*}/../src" -o tree_sums \
   "$source/tests/mpi/tree_sums.c" "$source/src/mpi/mpi_world.c"
 for count in 1 2 4 8; do
   "$mpirun" -n $count ./tree_sums > log.txt 2>&1 || { cat log.txt; fail "$count processes"; }

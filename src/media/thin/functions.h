@@ -17,7 +17,7 @@
 #define ERN_FREE_MEMBER(name, parameters, arguments) void(*name) parameters;
 
 struct ern_media_functions {
-  const char *version; /* of the library: "0.1.0" */
+  const char *version; /* ERN_INTERFACE_VERSION */
   ERN_MEDIA_STATUS(ERN_STATUS_MEMBER)
   ERN_MEDIA_VALUE(ERN_VALUE_MEMBER)
   ERN_MEDIA_VOID(ERN_VOID_MEMBER)

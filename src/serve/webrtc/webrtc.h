@@ -27,7 +27,7 @@ struct ern_webrtc_options {
 };
 
 struct ern_webrtc_functions {
-  const char *version; /* of the library: "0.1.0" */
+  const char *version; /* ERN_INTERFACE_VERSION */
   /* Starts the thread. NULL without memory. */
   struct ern_webrtc *(*open)(const struct ern_webrtc_events *events, const struct ern_webrtc_options *options);
   /* Ends all viewers. The sources were removed before. */

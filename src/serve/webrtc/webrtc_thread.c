@@ -4,6 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "core/interface_version.h"
 #include "serve/webrtc/webrtc_shared.h"
 
 enum { LOOK_MS = 50, BUSY = 503, MISSING = 501 };
@@ -179,16 +180,12 @@ static struct ern_webrtc_viewer *watch(struct ern_webrtc_source *s, const char *
 
 static void end(struct ern_webrtc_viewer *v) { atomic_store(&v->ends, true); }
 
-#define TEXT_OF(x) #x
-#define TEXT_OF_VERSION(major, minor, patch) TEXT_OF(major) "." TEXT_OF(minor) "." TEXT_OF(patch)
-
-const struct ern_webrtc_functions ern_webrtc_functions = {
-    .version = TEXT_OF_VERSION(ERN_VERSION_MAJOR, ERN_VERSION_MINOR, ERN_VERSION_PATCH),
-    .open = open_webrtc,
-    .close = close_webrtc,
-    .add = add,
-    .remove = remove_source,
-    .picture = webrtc_source_picture,
-    .sound = webrtc_source_sound,
-    .watch = watch,
-    .end = end};
+const struct ern_webrtc_functions ern_webrtc_functions = {.version = ERN_INTERFACE_VERSION,
+                                                          .open = open_webrtc,
+                                                          .close = close_webrtc,
+                                                          .add = add,
+                                                          .remove = remove_source,
+                                                          .picture = webrtc_source_picture,
+                                                          .sound = webrtc_source_sound,
+                                                          .watch = watch,
+                                                          .end = end};

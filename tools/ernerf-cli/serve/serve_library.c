@@ -5,6 +5,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "core/interface_version.h"
+
 #define TEXT_OF(x) #x
 #define SONAME(major) "libernerf-serve.so." TEXT_OF(major)
 
@@ -17,8 +19,8 @@ int serve_library_load(const struct ern_http_functions **functions, struct sessi
                              "%s cannot be loaded: %s; expected an ernerf that was built with ERNERF_SERVE and "
                              "libmicrohttpd",
                              name, dlerror());
-  if (strcmp(found->version, ern_version()) != 0)
-    return session_fail_with(session, "%s is of version %s, expected %s", name, found->version, ern_version());
+  if (strcmp(found->version, ERN_INTERFACE_VERSION) != 0)
+    return session_fail_with(session, "%s is of version %s, expected %s", name, found->version, ERN_INTERFACE_VERSION);
   *functions = found;
   return 0;
 }

@@ -5,6 +5,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "core/interface_version.h"
+
 #define TEXT_OF(x) #x
 #define SONAME(major) "libernerf-mpi.so." TEXT_OF(major)
 
@@ -30,9 +32,9 @@ static int load(struct distributed *distributed, struct session *session) {
                              "ERNERF_MPI",
                              file, dlerror());
   const struct ern_mpi *functions = dlsym(distributed->library, "ern_mpi");
-  if (functions == NULL || strcmp(functions->version, ern_version()) != 0)
+  if (functions == NULL || strcmp(functions->version, ERN_INTERFACE_VERSION) != 0)
     return session_fail_with(session, "%s is of version %s, expected %s", file,
-                             functions != NULL ? functions->version : "unknown", ern_version());
+                             functions != NULL ? functions->version : "unknown", ERN_INTERFACE_VERSION);
   distributed->functions = functions;
   return 0;
 }
