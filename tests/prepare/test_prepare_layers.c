@@ -423,6 +423,58 @@ static void test_camera(void **state) {
   if (!(fabs(shift - 8) < 1)) fail_msg("%s", run.verdict.words); /* a quarter of a pixel of 128 */
 }
 
+/* A wall out of focus in place of the background, `by` pixels further right, with another noise in each frame: its
+ * corners are of the noise alone. */
+static void draw_wall(ern_image *image, const uint8_t *person, int by, int frame) {
+  unsigned noise = (unsigned)frame + 1;
+  for (int y = 0; y < side; y++)
+    for (int x = 0; x < side; x++) {
+      noise = noise * 1664525u + 1013904223u;
+      const double u = 12.0 * (x - by) / side, v = 9.0 * y / side;
+      uint8_t *to = image->data + 3 * (y * side + x);
+      if (person[y * side + x] == 0) memset(to, (int)(110 + 20 * sin(u) + 15 * cos(v) + noise / 0x1p28), 3);
+    }
+}
+
+/* Hair that the masks lack: strands from `near` to `far` pixels left of the person, which move with the head. */
+static void draw_hair(ern_image *image, const uint8_t *person, int near, int far) {
+  int least = side;
+  for (int y = 0; y < side / 2; y++)
+    for (int x = 0; x < least; x++)
+      if (person[y * side + x] != 0) least = x;
+  for (int y = 0; y < side / 2; y++)
+    for (int k = near; k < far && k <= least; k++) {
+      const unsigned strand = (unsigned)(k / 2 * 31 + y / 3) * 2654435761u;
+      memset(image->data + 3 * (y * side + least - k), (int)(60 + (strand >> 24) % 128), 3);
+    }
+}
+
+static const uint8_t *people; /* of the truth, [FRAMES][pixels] */
+
+/* The hair moves by up to 14 pixels of 128, the camera not. */
+static void wall_and_hair(ern_image *image, int frame) {
+  const int by = 7 + (int)lround(7 * sin(frame));
+  draw_wall(image, people + frame * pixels, 0, frame);
+  draw_hair(image, people + frame * pixels, 6 + by, 18 + by);
+}
+
+static void wall_by_hand(ern_image *image, int frame) {
+  draw_wall(image, people + frame * pixels, (int)lround(6 * sin(frame)), frame);
+}
+
+/* Before a wall without corners, the camera that moves is told from hair that does. */
+static void test_blurred_place(void **state) {
+  struct truth *t = *state;
+  struct run run = {.options = ern_prepare_options_default()};
+  run.options.masks = "person";
+  write_masks(t, "person", true);
+  people = t->person;
+  run_changed(t, &run, wall_and_hair);
+  if (strstr(run.verdict.words, "the camera moves") != NULL) fail_msg("hair: %s", run.verdict.words);
+  run_changed(t, &run, wall_by_hand);
+  if (strstr(run.verdict.words, "the camera moves") == NULL) fail_msg("by hand: %s", run.verdict.words);
+}
+
 /* A background that is another one in each frame does not pass for noise. */
 static void test_changing_place(void **state) {
   struct truth *t = *state;
@@ -542,11 +594,12 @@ static void test_nothing_long(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_truth),       cmocka_unit_test(test_no_shoulders_long), cmocka_unit_test(test_supplied),
-      cmocka_unit_test(test_leaning),     cmocka_unit_test(test_background),        cmocka_unit_test(test_camera),
-      cmocka_unit_test(test_banner_long), cmocka_unit_test(test_changing_place),    cmocka_unit_test(test_light),
-      cmocka_unit_test(test_cancel),      cmocka_unit_test(test_cluttered_long),    cmocka_unit_test(test_key_long),
-      cmocka_unit_test(test_nothing_long)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_truth),       cmocka_unit_test(test_no_shoulders_long),
+                                     cmocka_unit_test(test_supplied),    cmocka_unit_test(test_leaning),
+                                     cmocka_unit_test(test_background),  cmocka_unit_test(test_camera),
+                                     cmocka_unit_test(test_banner_long), cmocka_unit_test(test_changing_place),
+                                     cmocka_unit_test(test_light),       cmocka_unit_test(test_blurred_place),
+                                     cmocka_unit_test(test_cancel),      cmocka_unit_test(test_cluttered_long),
+                                     cmocka_unit_test(test_key_long),    cmocka_unit_test(test_nothing_long)};
   return cmocka_run_group_tests(tests, make_truth, free_truth);
 }

@@ -2,8 +2,6 @@
  * Estimates the background behind the person from frames in which the person is elsewhere. */
 #include <algorithm>
 #include <cmath>
-#include <opencv2/calib3d.hpp>
-#include <opencv2/video.hpp>
 
 #include "prepare/layers/layers_opencv.h"
 
@@ -150,22 +148,6 @@ void measure(const ern_person_model &model, const cv::Mat &noise, const cv::Mat 
   found->supplied_difference = seen > 0 ? sum / (std::sqrt(3.0) * double(seen)) : 0;
 }
 
-/* Whether the place fits `before` better moved by `motion` than unmoved. Corners at the edge of hair that the masks
- * lack move with the head, and outnumber those of a place that is out of focus. The blur hides that interpolation
- * smooths. */
-bool place_moved(const cv::Mat &before, const cv::Mat &after, const cv::Mat &free, const cv::Mat &motion) {
-  cv::Mat back, inside, fixed;
-  const int inverse = cv::INTER_LINEAR | cv::WARP_INVERSE_MAP;
-  cv::warpAffine(after, back, motion, after.size(), inverse);
-  cv::warpAffine(cv::Mat(after.size(), CV_8U, cv::Scalar(255)), inside, motion, after.size(), inverse);
-  inside = (inside == 255) & free;
-  cv::GaussianBlur(before, fixed, cv::Size(), 1);
-  cv::GaussianBlur(back, back, cv::Size(), 1);
-  cv::Mat still;
-  cv::GaussianBlur(after, still, cv::Size(), 1);
-  return cv::norm(back, fixed, cv::NORM_L1, inside) < cv::norm(still, fixed, cv::NORM_L1, inside);
-}
-
 }  // namespace
 
 void ern_person_background(ern_person_model *model, const uint8_t *background, bool key, ern_person_found *found) {
@@ -221,37 +203,4 @@ void ern_person_background_reveal(ern_person_model *model) {
         known.at<uchar>(y, x) = 255;
       }
   model->shown = filled(revealed, known);
-}
-
-void ern_person_place_moves(const ern_person_model &model, ern_person_found *found) {
-  const size_t count = model.examples.size(), middle = count / 2;
-  const ern_person_example &home = model.examples[middle];
-  cv::Mat before, after, free = free_of(model, home);
-  std::vector<cv::Point2f> points, moved;
-  std::vector<uchar> found_there;
-  std::vector<double> shifts;
-  cv::cvtColor(home.frame, before, cv::COLOR_RGB2GRAY);
-  cv::goodFeaturesToTrack(before, points, 200, 0.02, model.side / 60.0, free);
-  for (size_t k = 0; k < count && points.size() >= 12; k++) {
-    if (k == middle) continue;
-    cv::cvtColor(model.examples[k].frame, after, cv::COLOR_RGB2GRAY);
-    after.convertTo(after, CV_8U, cv::mean(before, free)[0] / std::max(cv::mean(after, free)[0], 1.0)); /* its light */
-    cv::calcOpticalFlowPyrLK(before, after, points, moved, found_there, cv::noArray());
-    std::vector<cv::Point2f> a, b;
-    for (size_t i = 0; i < points.size(); i++)
-      if (found_there[i] != 0) a.push_back(points[i]), b.push_back(moved[i]);
-    if (a.size() < 12) continue;
-    std::vector<uchar> inliers;
-    const cv::Mat motion = cv::estimateAffinePartial2D(a, b, inliers, cv::RANSAC, 1.5);
-    if (motion.empty() || cv::countNonZero(inliers) * 2 < int(a.size())) continue;
-    const double *m = motion.ptr<double>(0), *q = motion.ptr<double>(1);
-    double sum = 0;
-    for (const cv::Point2f &p : a)
-      sum += std::hypot(m[0] * p.x + m[1] * p.y + m[2] - p.x, q[0] * p.x + q[1] * p.y + q[2] - p.y);
-    shifts.push_back(
-        place_moved(before, after, free & free_of(model, model.examples[k]), motion) ? sum / double(a.size()) : 0);
-  }
-  std::sort(shifts.begin(), shifts.end());
-  found->shift = shifts.empty() ? 0 : shifts[shifts.size() * 9 / 10];
-  found->shifted = count > 1 ? double(shifts.size()) / double(count - 1) : 0;
 }

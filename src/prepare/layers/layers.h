@@ -44,7 +44,7 @@ ERN_NODISCARD ern_status ern_person_model_add(struct ern_person_model *model, co
 struct ern_person_found {
   double never_seen; /* share of the background's pixels that the person covers in all or nearly all examples */
   double shift;      /* pixels of the clip: how far the background moves between the examples, 90th percentile */
-  double shifted;    /* share of the examples in which the background's motion could be measured */
+  double shifted;    /* share of the examples in which the background certainly moves */
   double unlike;     /* share of pixels outside the person that differ from the background beyond noise */
   double supplied_difference; /* grey values: root mean square, over the colours, of the difference between the supplied
                                  background and the learnt one, averaged over pixels; 0 where none was supplied */
