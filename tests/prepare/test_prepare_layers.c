@@ -16,12 +16,11 @@ enum { FRAMES = 22, CALLS = 5 };
 
 /* Of a picture. In the quick test the smallest side that prepare takes, as the cost of a run goes with the area. */
 static int side, pixels;
-
-struct truth {
+static struct truth {
   ern_context *context;
   uint8_t *person, *head; /* [FRAMES][pixels] */
   ern_image background;
-};
+} made;
 
 static const char *name_of(const char *folder, const char *format, int frame) {
   static char path[4][512];
@@ -50,31 +49,30 @@ static int difference(const uint8_t *a, const uint8_t *b) {
 
 /* A clip without its layers, and what they are: its parsing/ is blue where the head is, white where nobody is. */
 static int make_truth(void **state) {
-  static struct truth t;
   side = getenv("ERNERF_TEST_LONG") != NULL ? 256 : 128;
   pixels = side * side;
-  t.context = support_context();
+  made.context = support_context();
   ern_synth_options options = ern_synth_options_default();
   options.size = side;
   options.frames = FRAMES;
   options.seed = 3;
   options.parsing = true;
-  support_ok(t.context, ern_synth_write(t.context, "clip", &options));
-  support_ok(t.context, ERN_NEW(t.context, FRAMES * (size_t)pixels, &t.person));
-  support_ok(t.context, ERN_NEW(t.context, FRAMES * (size_t)pixels, &t.head));
-  t.background = picture(t.context, "clip/bc.jpg", 3);
+  support_ok(made.context, ern_synth_write(made.context, "clip", &options));
+  support_ok(made.context, ERN_NEW(made.context, FRAMES * (size_t)pixels, &made.person));
+  support_ok(made.context, ERN_NEW(made.context, FRAMES * (size_t)pixels, &made.head));
+  made.background = picture(made.context, "clip/bc.jpg", 3);
   for (int f = 0; f < FRAMES; f++) {
-    ern_image parts = picture(t.context, name_of("clip", "parsing/%d.png", f), 3);
+    ern_image parts = picture(made.context, name_of("clip", "parsing/%d.png", f), 3);
     for (int k = 0; k < pixels; k++) {
       const uint8_t *rgb = parts.data + 3 * k;
-      t.person[f * pixels + k] = rgb[0] == 0 || rgb[1] == 0;
-      t.head[f * pixels + k] = rgb[0] == 0 && rgb[2] == 255;
+      made.person[f * pixels + k] = rgb[0] == 0 || rgb[1] == 0;
+      made.head[f * pixels + k] = rgb[0] == 0 && rgb[2] == 255;
     }
-    ern_image_free(t.context, &parts);
+    ern_image_free(made.context, &parts);
     assert_int_equal(rename(name_of("clip", "gt_imgs/%d.jpg", f), name_of("clip", "ori_imgs/%d.jpg", f)), 0);
   }
   support_clear("clip/parsing");
-  *state = &t;
+  *state = &made;
   return 0;
 }
 
@@ -181,11 +179,10 @@ static void test_truth(void **state) {
 static void write_masks(const struct truth *t, const char *folder, bool person) {
   uint8_t *grey = calloc(1, (size_t)pixels);
   const ern_image image = {.width = side, .height = side, .channels = 1, .data = grey};
-  const uint8_t *in = person ? t->person : t->head;
   assert_non_null(grey);
   mkdir(folder, 0755);
   for (int f = 0; f < FRAMES; f++) {
-    for (int k = 0; k < pixels; k++) grey[k] = in[f * pixels + k] ? 255 : 0;
+    for (int k = 0; k < pixels; k++) grey[k] = (person ? t->person : t->head)[f * pixels + k] ? 255 : 0;
     support_ok(t->context, ern_image_write(t->context, name_of(folder, "%d.png", f), &image, 100));
   }
   free(grey);
@@ -436,30 +433,26 @@ static void draw_wall(ern_image *image, const uint8_t *person, int by, int frame
     }
 }
 
-/* Hair that the masks lack: strands from `near` to `far` pixels left of the person, which move with the head. */
+/* Hair that the masks lack: strands from `near` to `far` pixels left of the person's ear, which move with the head. */
 static void draw_hair(ern_image *image, const uint8_t *person, int near, int far) {
-  int least = side;
-  for (int y = 0; y < side / 2; y++)
-    for (int x = 0; x < least; x++)
-      if (person[y * side + x] != 0) least = x;
+  int least = 0;
+  while (least < side && person[side * side / 4 + least] == 0) least++;
   for (int y = 0; y < side / 2; y++)
     for (int k = near; k < far && k <= least; k++) {
-      const unsigned strand = (unsigned)(k / 2 * 31 + y / 3) * 2654435761u;
-      memset(image->data + 3 * (y * side + least - k), (int)(60 + (strand >> 24) % 128), 3);
+      const unsigned strand = (unsigned)(k / 2 * 31 + y / 3) * 2654435761u >> 24;
+      memset(image->data + 3 * (y * side + least - k), 60 + (int)strand % 128, 3);
     }
 }
-
-static const uint8_t *people; /* of the truth, [FRAMES][pixels] */
 
 /* The hair moves by up to 14 pixels of 128, the camera not. */
 static void wall_and_hair(ern_image *image, int frame) {
   const int by = 7 + (int)lround(7 * sin(frame));
-  draw_wall(image, people + frame * pixels, 0, frame);
-  draw_hair(image, people + frame * pixels, 6 + by, 18 + by);
+  draw_wall(image, made.person + frame * pixels, 0, frame);
+  draw_hair(image, made.person + frame * pixels, 6 + by, 18 + by);
 }
 
 static void wall_by_hand(ern_image *image, int frame) {
-  draw_wall(image, people + frame * pixels, (int)lround(6 * sin(frame)), frame);
+  draw_wall(image, made.person + frame * pixels, (int)lround(6 * sin(frame)), frame);
 }
 
 /* Before a wall without corners, the camera that moves is told from hair that does. */
@@ -468,7 +461,6 @@ static void test_blurred_place(void **state) {
   struct run run = {.options = ern_prepare_options_default()};
   run.options.masks = "person";
   write_masks(t, "person", true);
-  people = t->person;
   run_changed(t, &run, wall_and_hair);
   if (strstr(run.verdict.words, "the camera moves") != NULL) fail_msg("hair: %s", run.verdict.words);
   run_changed(t, &run, wall_by_hand);
