@@ -12,7 +12,7 @@ fail() { echo "FAIL: $*"; exit 1; }
 side=32 frame_bytes=$((side * side * 4)) # of the pictures; the clip has 64
 cp -rs "$clips/short" clip # 33 frames
 "$ernerf" train clip -o head.safetensors --iters 8 --rays 256 --levels 2 --validate-frames 1 --asr-model cepstra --quiet
-live() { timeout 60 "$ernerf" live head.safetensors --clip clip --quiet --size ${side}x$side "$@"; }
+live() { timeout 300 "$ernerf" live head.safetensors --clip clip --quiet --size ${side}x$side "$@"; }
 refused() { # status words...: the last command's output is in err.txt
   local want=$1 got=$2
   shift 2
