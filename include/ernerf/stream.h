@@ -101,9 +101,9 @@ typedef struct ern_stream_options {
   const char *format; /* "mp4", "matroska", "mpegts", "flv": H.264 and AAC. "nut": uncompressed 4:2:0 and 16-bit
                          samples. "y4m": uncompressed 4:2:0, without sound. "raw": RGBA, 8 bits, without sound or
                          header. NULL (default): by the url; mp4 for .mp4 and http://, matroska for .mkv, mpegts for
-                         .ts, udp:// and srt://, flv for .flv and rtmp://, nut for .nut and tcp://, y4m for .y4m, raw
-                         for .rgba; any other url, also "-", is then ERN_E_UNSUPPORTED. Read by
-                         ern_stream_writer_open alone */
+                         .ts, udp://, srt:// and rtp://, which takes no other, flv for .flv and rtmp://, nut for .nut
+                         and tcp://, y4m for .y4m, raw for .rgba; any other url, also "-", is then
+                         ERN_E_UNSUPPORTED. Read by ern_stream_writer_open alone */
   const ern_provenance *provenance; /* what the stream says of how it was made (media.h), where its format has a place
                                        for it; read by ern_stream_writer_open alone; NULL (default): nothing */
   int (*stop)(void *user); /* as in ern_sound_reader_options, while a call waits for the receiver of the stream */

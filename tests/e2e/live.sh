@@ -12,7 +12,7 @@ fail() { echo "FAIL: $*"; exit 1; }
 side=32 frame_bytes=$((side * side * 4)) # of the pictures; the clip has 64
 cp -rs "$clips/short" clip # 33 frames
 "$ernerf" train clip -o head.safetensors --iters 8 --rays 256 --levels 2 --validate-frames 1 --asr-model cepstra --quiet
-live() { timeout 60 "$ernerf" live head.safetensors --clip clip --quiet --size ${side}x$side "$@"; }
+live() { timeout 300 "$ernerf" live head.safetensors --clip clip --quiet --size ${side}x$side "$@"; }
 refused() { # status words...: the last command's output is in err.txt
   local want=$1 got=$2
   shift 2
@@ -45,7 +45,9 @@ if [ -n "${ERNERF_TEST_LONG-}" ]; then
 s = socket.create_server(("127.0.0.1", 0)); open("port", "w").write(str(s.getsockname()[1])); time.sleep(300)' &
     until [ -s port ]; do sleep 0.1; done
     status=0; live --audio clip/aud.wav --size 256x256 -o "tcp://127.0.0.1:$(cat port)" 2> err.txt || status=$?
-    refused 1 $status "took no frame for 30 s"
+    refused 1 $status "did not take the last"
+    status=0; head -c $((10 * 32000)) /dev/zero | live --audio - --audio-format s16le --size 256x256 --as-fast -o "tcp://127.0.0.1:$(cat port)" 2> err.txt || status=$?
+    refused 1 $status "did not take the last"
     status=0; live --audio clip/aud.wav -o "rtmp://127.0.0.1:$(cat port)/a/b" 2> err.txt || status=$?
     refused 1 $status "has not answered for 30 s"
   }
@@ -83,22 +85,28 @@ if [ -n "${ERNERF_TEST_LONG-}" ]; then
   # readers: one who leaves, one who stalls, a full disk
   status=0; { live --audio clip/aud.wav -o - --format nut --duration 20 --stay 2> err.txt || echo $? > status; } | head -c 100 > /dev/null
   refused 1 "$(cat status)" "cannot write"
-  mkfifo stalled
-  timeout 30 sleep 30 <> stalled &
-  sleeper=$!
-  "$ernerf" live head.safetensors --clip clip --quiet --size ${side}x$side --control wait.sock -o stalled --format raw 2> err.txt &
+fi
+
+# a reader who stalls: where frames are left out it is told while they are, and a signal ends the program though rendering waits for it
+mkfifo stalled
+timeout 200 sleep 200 <> stalled &
+sleeper=$!
+for policy in drop wait; do
+  timeout --foreground 60 "$ernerf" live head.safetensors --clip clip --quiet --size ${side}x$side --control wait.sock --slow-reader $policy -o stalled --format raw 2> err.txt &
   program=$!
   for _ in $(seq 600); do [ -S wait.sock ] && break; sleep 0.1; done
   sleep 1.5
+  [ $policy = wait ] || for _ in $(seq 300); do grep -q "too slowly or not at all" err.txt && break; sleep 0.1; done
   began=$(date +%s)
   kill -TERM $program
   status=0; wait $program || status=$?
-  [ $(($(date +%s) - began)) -le 4 ] || fail "a stalled reader holds the end up"
+  [ $(($(date +%s) - began)) -le 4 ] || fail "--slow-reader $policy: a stalled reader holds the end up"
   refused 143 $status "stopped"
   grep -q "is cut" err.txt || fail "the stream is said to be whole: $(cat err.txt)"
+  [ $policy = wait ] || [ "$(grep -c "too slowly or not at all" err.txt)" = 1 ] || fail "frames that are left out: $(cat err.txt)"
   [ ! -e wait.sock ] || fail "wait.sock was left"
-  kill $sleeper
-fi
+done
+kill $sleeper
 
 # a signal: a reader who reads gets whole frames and the end of the container; a FIFO without a reader does not hold the end up
 mkfifo taken

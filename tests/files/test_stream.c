@@ -216,25 +216,44 @@ static void test_what_is_no_sound_is_refused(void **state) {
                  "no such form", NULL);
 }
 
-/* The scheme of an address decides, whatever its path ends with. */
-static void test_scheme_decides_before_ending(void **state) {
-  (void)state;
+/* Writes a stream to a receiver of datagrams at the address, and stores the first one. */
+static void receive_first(const char *scheme, const char *path, unsigned char packet[2048]) {
   struct sockaddr_in address = {.sin_family = AF_INET, .sin_addr.s_addr = htonl(INADDR_LOOPBACK)};
   socklen_t bytes = sizeof address;
   const struct timeval patience = {5, 0};
-  unsigned char packet[2048] = {0};
   char url[64];
   const int receiver = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
   assert_true(receiver >= 0);
   assert_int_equal(bind(receiver, (const struct sockaddr *)&address, bytes), 0);
   assert_int_equal(getsockname(receiver, (struct sockaddr *)&address, &bytes), 0);
   assert_int_equal(setsockopt(receiver, SOL_SOCKET, SO_RCVTIMEO, &patience, sizeof patience), 0);
-  snprintf(url, sizeof url, "udp://127.0.0.1:%d/live.mp4", ntohs(address.sin_port));
+  snprintf(url, sizeof url, "%s127.0.0.1:%d%s", scheme, ntohs(address.sin_port), path);
   const ern_stream_options options = options_of_stream(NULL);
   support_ok(context, write_stream(url, &options));
-  assert_true(recv(receiver, packet, sizeof packet, 0) >= 188);
-  assert_int_equal(packet[0], 0x47); /* MPEG-TS */
+  assert_true(recv(receiver, packet, 2048, 0) >= 188);
   (void)close(receiver);
+}
+
+/* The scheme of an address decides, whatever its path ends with. */
+static void test_scheme_decides_before_ending(void **state) {
+  (void)state;
+  unsigned char packet[2048] = {0};
+  receive_first("udp://", "/live.mp4", packet);
+  assert_int_equal(packet[0], 0x47); /* MPEG-TS */
+}
+
+/* Receivers of RTP read packets with its header, and know of MPEG-TS alone by its number (RFC 3551) what is in them. */
+static void test_rtp_has_its_headers(void **state) {
+  (void)state;
+  unsigned char packet[2048] = {0};
+  const ern_stream_options options = options_of_stream("flv");
+  ern_stream_writer *writer = NULL;
+  receive_first("rtp://", "", packet);
+  assert_int_equal(packet[0], 0x80);
+  assert_int_equal(packet[1] & 0x7f, 33);
+  assert_int_equal(packet[12], 0x47);
+  support_expect(context, ern_stream_writer_open(context, "rtp://127.0.0.1:9", &options, &writer), ERN_E_UNSUPPORTED,
+                 "rtp://127.0.0.1:9: format is \"flv\", expected mpegts", NULL);
 }
 
 /* An address of RTSP is connected to, though its format is not among those that are found out. */
@@ -423,6 +442,7 @@ int main(void) {
       cmocka_unit_test(test_joined_transport_streams),
       cmocka_unit_test(test_what_is_no_sound_is_refused),
       cmocka_unit_test(test_scheme_decides_before_ending),
+      cmocka_unit_test(test_rtp_has_its_headers),
       cmocka_unit_test(test_unknown_host),
       cmocka_unit_test(test_rtsp_is_connected_to),
       cmocka_unit_test(test_waits_end_when_asked_to),

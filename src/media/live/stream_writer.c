@@ -26,12 +26,12 @@ enum {
 /* Each form plays up to where it is cut. muxer NULL: no container. endings: file extensions and URL schemes that select
  * the format. */
 static const struct form {
-  const char *name, *muxer, *endings[4];
+  const char *name, *muxer, *endings[5];
   enum ern_picture_coding coding;
   enum AVCodecID sound;
 } forms[] = {{"mp4", "mp4", {".mp4", "http://", NULL}, ERN_PICTURES_LIVE, AV_CODEC_ID_AAC},
              {"matroska", "matroska", {".mkv", NULL}, ERN_PICTURES_LIVE, AV_CODEC_ID_AAC},
-             {"mpegts", "mpegts", {".ts", "udp://", "srt://", NULL}, ERN_PICTURES_LIVE, AV_CODEC_ID_AAC},
+             {"mpegts", "mpegts", {".ts", "udp://", "srt://", "rtp://", NULL}, ERN_PICTURES_LIVE, AV_CODEC_ID_AAC},
              {"flv", "flv", {".flv", "rtmp://", NULL}, ERN_PICTURES_LIVE, AV_CODEC_ID_AAC},
              {"nut", "nut", {".nut", "tcp://", NULL}, ERN_PICTURES_RAW, AV_CODEC_ID_PCM_S16LE},
              {"y4m", "yuv4mpegpipe", {".y4m", NULL}, ERN_PICTURES_WRAPPED, AV_CODEC_ID_NONE},
@@ -111,6 +111,10 @@ static bool means(const struct form *form, const char *url, bool scheme) {
   return false;
 }
 
+static bool is_rtp(const ern_stream_writer *w) {
+  return w->target == TARGET_ADDRESS && strncmp(w->url, "rtp://", 6) == 0;
+}
+
 /* Chooses the format by its name; else by the scheme of a URL, whatever its extension; else by the extension. */
 static ern_status choose_form(ern_stream_writer *w) {
   const char *name = w->options.write == NULL ? w->options.format : forms[0].name;
@@ -121,6 +125,9 @@ static ern_status choose_form(ern_stream_writer *w) {
     if (name != NULL ? strcmp(name, forms[i].name) == 0 : means(&forms[i], w->url, true)) w->form = &forms[i];
   for (size_t i = 0; i < FORMS && w->form == NULL && name == NULL; i++)
     if (means(&forms[i], w->url, false)) w->form = &forms[i];
+  if (w->form != NULL && is_rtp(w) && strcmp(w->form->name, "mpegts") != 0)
+    return ern_fail(w->context, ERN_E_UNSUPPORTED, "%s: format is \"%s\", expected mpegts, which rtp:// carries",
+                    w->url, w->form->name);
   if (w->form != NULL) return ERN_OK;
   if (w->options.format != NULL)
     return ern_fail(w->context, ERN_E_UNSUPPORTED,
@@ -153,7 +160,8 @@ static ern_status open_tracks(ern_stream_writer *w) {
   if (w->form->muxer == NULL) return ERN_NEW(w->context, 4 * (size_t)o->width * (size_t)o->height, &w->last);
   w->muxer = (struct ern_muxer){.context = w->context, .path = w->url, .packet = av_packet_alloc()};
   w->muxer.from_0 = w->target == TARGET_CALL; /* its head goes out before the first sound, and cannot say the delay */
-  const int error = avformat_alloc_output_context2(&w->muxer.container, NULL, w->form->muxer, NULL);
+  const char *muxer = is_rtp(w) ? "rtp_mpegts" : w->form->muxer; /* the packets of RTP have a header each */
+  const int error = avformat_alloc_output_context2(&w->muxer.container, NULL, muxer, NULL);
   if (error < 0 || w->muxer.packet == NULL)
     ERN_TRY(ern_av_fail(w->context, ERN_E_MEDIA, w->url, "make a stream", error < 0 ? error : AVERROR(ENOMEM)));
   const struct ern_picture_settings settings = {.coding = w->form->coding,

@@ -139,7 +139,7 @@ static int finish(struct live_job *job, int status) {
   const bool is_there = job->output.kept || (status == 0 && job->output.error == NULL);
   if (is_there && provenance_write(&job->provenance, session, about_output(job)) != 0) status = EXIT_FAILURE;
   if (job->output.error != NULL) status = session_fail_with(session, "%s", job->output.error); /* the last line */
-  if (status != 0) return status;
+  if (status != 0 && !job->output.cut) return status;
   const unsigned long long written = atomic_load(&job->output.written), left = atomic_load(&job->output.left_out);
   if (left > 0)
     session_warn(session, "%llu frames were left out, with their sound, as %s did not take them in time", left,
@@ -159,7 +159,9 @@ static int finish(struct live_job *job, int status) {
   if (stopped && job->output.cut)
     return session_stop_with(session, "stopped; its reader did not take the end of the stream, which is cut");
   if (job->output.cut)
-    return session_fail_with(session, "%s: took no frame for 30 s; the end of the stream is cut", job->output.url);
+    return session_fail_with(session, "%s: did not take the last %llu frames in %d s; the stream is cut",
+                             job->output.url, (unsigned long long)(job->drawn + job->repeated) - written,
+                             LIVE_PATIENCE);
   return stopped ? session_stop_with(session, "stopped; what was written is whole") : 0;
 }
 

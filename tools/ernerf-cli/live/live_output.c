@@ -8,18 +8,26 @@
 
 enum { LATE_BINS = 1001, TEXT_BYTES = 2048 };
 
-/* Seconds at the end that the reader of a pipe or address has to receive the queued frames and the stream's trailer. */
+/* Seconds after a signal that the reader of a pipe or address has to receive the queued frames and the stream's
+ * trailer. */
 static const double grace = 2;
-/* Seconds that an address may take to answer, and at the end of the stream to take a frame: one whose server reads
- * nothing would be waited for without end. */
-static const double patience_of_address = 30;
+/* Seconds that an address may take to answer, to take a frame that is waited for, and to take the end of the stream:
+ * one whose server reads nothing would be waited for without end. */
+static const double patience_of_address = LIVE_PATIENCE;
+/* Seconds for which frames are left out before a warning. */
+static const double bearable = 5;
 
-static bool is_over(const struct live_output *output) { return session_seconds() >= atomic_load(&output->stop_at); }
+static bool is_over(const struct live_output *output) {
+  const double now = session_seconds();
+  return now >= atomic_load(&output->stop_at) || now >= output->hurried_until;
+}
 
-/* A signal ends the wait for the first reader; waits for later readers end with the program (live_output_close). */
+/* A signal ends the wait for the first reader at once, and that for one who stands still. */
 static int asks_to_stop(void *user) {
-  const struct live_output *output = user;
-  return is_over(output) || (!atomic_load(&output->running) && session_interrupted());
+  struct live_output *output = user;
+  const bool interrupted = session_interrupted();
+  if (interrupted && isinf(output->hurried_until)) output->hurried_until = session_seconds() + grace;
+  return is_over(output) || (!atomic_load(&output->running) && interrupted);
 }
 
 static int hand_over(void *user, const void *bytes, size_t count, ern_stream_piece piece) {
@@ -45,7 +53,6 @@ static void keep_error(struct live_output *output) {
 }
 
 static void count_late(struct live_output *output, double due) {
-  if (atomic_load(&output->patient)) atomic_store(&output->stop_at, session_seconds() + patience_of_address);
   const double late = 1000 * (session_seconds() - due);
   const size_t bin = late <= 0 ? 0 : late >= LATE_BINS - 1 ? LATE_BINS - 1 : (size_t)late;
   atomic_fetch_add(&output->late[bin], 1);
@@ -68,6 +75,7 @@ static ern_status serve(struct live_output *output) {
     const int place = queue_wait_for_item(&output->queue);
     if (place == QUEUE_CLOSED) break;
     const struct live_picture *picture = &output->pictures[place];
+    if (atomic_load(&output->patient)) atomic_store(&output->stop_at, session_seconds() + patience_of_address);
     status = write_picture(output, picture);
     if (status == ERN_OK) count_late(output, picture->due);
     queue_pop(&output->queue);
@@ -99,7 +107,7 @@ static void *write_frames(void *user) {
       status = end_stream(output);
     ern_stream_writer_abandon(&output->writer);
     if (status == ERN_OK) return NULL;
-    output->cut = status == ERN_E_CANCELLED && was_open;
+    output->cut = status == ERN_E_CANCELLED && was_open && !atomic_load(&output->given_up);
     if (status == ERN_E_CANCELLED && is_over(output)) break;
     if (!output->serves_http || status != ERN_E_IO) {
       keep_error(output);
@@ -149,6 +157,8 @@ int live_output_open(struct live_output *output, struct session *session, struct
   output->options.user = output;
   output->options.write = output->write != NULL ? hand_over : NULL;
   atomic_store(&output->stop_at, INFINITY);
+  output->hurried_until = INFINITY;
+  output->left_out_last = -INFINITY;
   queue_make(&output->queue, LIVE_PICTURES);
   if (make_pictures(output, (size_t)((double)sound_rate / rate_value(rate)) + 2) != 0) return EXIT_FAILURE;
   if (output->connects) atomic_store(&output->stop_at, session_seconds() + patience_of_address);
@@ -158,10 +168,26 @@ int live_output_open(struct live_output *output, struct session *session, struct
                ? session_fail_with(session, "%s: has not answered for %g s", output->url, patience_of_address)
                : session_fail(session);
   atomic_store(&output->stop_at, INFINITY);
+  atomic_store(&output->patient, output->connects && !output->drops);
   atomic_store(&output->running, true);
   if (pthread_create(&output->thread, NULL, write_frames, output) == 0) return 0;
   atomic_store(&output->running, false);
   return session_fail_with(session, "cannot start a thread that writes");
+}
+
+/* Warns once of frames that are left out again and again, as by a server that reads nothing: such a stream may go on
+ * for days. */
+static void tell_left_out(struct live_output *output) {
+  const double now = session_seconds();
+  if (now - output->left_out_last > bearable) {
+    output->left_out_since = now;
+    output->told = false;
+  }
+  output->left_out_last = now;
+  if (output->told || output->write != NULL || now - output->left_out_since < bearable) return;
+  output->told = true;
+  session_warn(output->session, "%s: takes frames too slowly or not at all; they are left out, with their sound",
+               output->url);
 }
 
 struct live_picture *live_output_next(struct live_output *output, bool *failed) {
@@ -170,6 +196,7 @@ struct live_picture *live_output_next(struct live_output *output, bool *failed) 
   if (output->serves_http && !atomic_load(&output->open) && has_place) return NULL;
   if (!has_place && output->drops) {
     atomic_fetch_add(&output->left_out, 1);
+    tell_left_out(output);
     return NULL;
   }
   const int place = queue_wait_for_slot(&output->queue);
@@ -197,7 +224,7 @@ static void stop_writer(struct live_output *output, double patience) {
 }
 
 void live_output_close(struct live_output *output, bool soon) {
-  atomic_store(&output->patient, !soon && output->connects);
+  if (soon) atomic_store(&output->patient, false);
   stop_writer(output, soon ? grace : output->connects ? patience_of_address : INFINITY);
 }
 

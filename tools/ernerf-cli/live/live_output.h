@@ -10,7 +10,7 @@
 #include "rate.h"
 #include "session/session.h"
 
-enum { LIVE_PICTURES = 8 };
+enum { LIVE_PICTURES = 8, LIVE_PATIENCE = 30 /* seconds that a server may take */ };
 
 /* A frame in the queue. */
 struct live_picture {
@@ -44,17 +44,20 @@ struct live_output {
   struct live_picture pictures[LIVE_PICTURES];
   struct bounded_queue queue;
   pthread_t thread;
-  bool serves_http;       /* HTTP server: serves one reader after another */
-  bool connects;          /* to the server of an address */
-  atomic_bool running;    /* the thread runs */
-  atomic_bool open;       /* a reader is connected */
-  atomic_bool patient;    /* at the end of the stream each frame that is written moves stop_at */
-  _Atomic double stop_at; /* from this time (session_seconds) on, stop waiting for readers */
-  atomic_bool given_up;   /* drawing has failed: the stream gets no proper end, a file is not created */
+  bool serves_http;                     /* HTTP server: serves one reader after another */
+  bool connects;                        /* to the server of an address */
+  atomic_bool running;                  /* the thread runs */
+  atomic_bool open;                     /* a reader is connected */
+  atomic_bool patient;                  /* each frame that is written moves stop_at */
+  _Atomic double stop_at;               /* from this time (session_seconds) on, stop waiting for readers */
+  double hurried_until;                 /* the same after a signal; INFINITY: none came. Of the thread */
+  atomic_bool given_up;                 /* drawing has failed: the stream gets no proper end, a file is not created */
+  double left_out_since, left_out_last; /* when frames were left out, by session_seconds */
+  bool told;                            /* of these */
   /* valid after the thread has ended */
   char *error; /* why the writer failed; NULL: it did not */
   bool kept;   /* it failed, and a file was put in place that is cut */
-  bool cut;    /* the reader had not received the whole stream by stop_at */
+  bool cut;    /* the reader had not received the whole stream in time */
   atomic_ullong written, left_out, readers;
   atomic_uint late[1001]; /* histogram: frames by lateness in milliseconds; the last bin: 1000 or more */
 };
@@ -64,13 +67,13 @@ struct live_output {
 int live_output_open(struct live_output *output, struct session *session, struct dimensions size, struct rate rate,
                      int sound_rate, int channels);
 /* The place for the next frame. NULL: the frame is dropped (no reader, or a slow one), or *failed: the writer has
- * failed. */
+ * failed, or the stream is `cut`. */
 struct live_picture *live_output_next(struct live_output *output, bool *failed);
 /* Whether pictures may be recorded frames: not where they are written as RGBA. */
 bool live_output_takes_recorded(const struct live_output *output);
 void live_output_put(struct live_output *output);
-/* Writes the queued frames and ends the stream; soon: within 2 s, else it is left `cut`, as where an address takes no
- * frame for 30 s. output->error says whether the writer failed. */
+/* Writes the queued frames and ends the stream; soon: within 2 s, else it is left `cut`, as where an address does not
+ * take them within LIVE_PATIENCE, or with `patient` one of them. output->error says whether the writer failed. */
 void live_output_close(struct live_output *output, bool soon);
 /* Abandons the stream. */
 void live_output_fail(struct live_output *output);

@@ -74,8 +74,7 @@ static void say(struct session *session, const char *before, const char *format,
   char text[4096];
   vsnprintf(text, sizeof text, format, values);
   bytes_plain(text); /* the kind of a model's speech may be anything */
-  fprintf(stderr, "%s%s%s\n", session->line_open ? "\n" : "", before, text);
-  session->line_open = false;
+  fprintf(stderr, "%s%s%s\n", atomic_exchange(&session->line_open, false) ? "\n" : "", before, text);
 }
 
 static void say_end(struct session *session, const char *format, va_list values) {

@@ -45,7 +45,7 @@ struct session {
   void *staged_bytes[SESSION_STAGED];
   atomic_uint remark_count;
   _Atomic uint64_t remarks[SESSION_REMARKS]; /* hashes of the library's last remarks */
-  bool line_open;                            /* the terminal shows the progress line without its newline */
+  atomic_bool line_open;                     /* the terminal shows the progress line without its newline */
   char *held; /* [SESSION_HELD] of a copy whose work may turn out not to be needed: session_fail and the like put their
                  text here, and print nothing; NULL: they print */
 };
