@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
+#include <time.h>
 
 enum { LATE_BINS = 1001, TEXT_BYTES = 2048 };
 
@@ -14,11 +15,24 @@ static const double grace = 2;
  * nothing would be waited for without end. */
 static const double patience_of_address = 30;
 
+const char *live_output_file(const char *url) {
+  const char *path = url != NULL ? ern_stream_file(url) : NULL;
+  struct stat there;
+  if (path == NULL || strcmp(path, "-") == 0) return NULL;
+  return stat(path, &there) != 0 || S_ISREG(there.st_mode) || S_ISDIR(there.st_mode) ? path : NULL;
+}
+
 static bool is_over(const struct live_output *output) { return session_seconds() >= atomic_load(&output->stop_at); }
 
-/* A signal ends the wait for the first reader; waits for later readers end with the program (live_output_close). */
+/* A signal ends the wait for the first reader at once, and leaves a later one `grace`, also where the sound had ended
+ * before the signal came. A file is completed. */
 static int asks_to_stop(void *user) {
-  const struct live_output *output = user;
+  struct live_output *output = user;
+  if (session_interrupted() && atomic_load(&output->running) && !output->completes) {
+    const double latest = session_seconds() + grace;
+    atomic_store(&output->patient, false);
+    if (atomic_load(&output->stop_at) > latest) atomic_store(&output->stop_at, latest);
+  }
   return is_over(output) || (!atomic_load(&output->running) && session_interrupted());
 }
 
@@ -134,6 +148,7 @@ int live_output_open(struct live_output *output, struct session *session, struct
   output->serves_http = output->write == NULL && strncmp(output->url, "http://", 7) == 0;
   output->connects = output->write == NULL && !output->serves_http && ern_stream_file(output->url) == NULL &&
                      strcmp(output->url, "-") != 0;
+  output->completes = output->write == NULL && live_output_file(output->url) != NULL;
   output->options = ern_stream_options_default(size.width, size.height);
   output->options.format = output->format;
   output->options.rate_numerator = rate.numerator;
@@ -172,7 +187,14 @@ struct live_picture *live_output_next(struct live_output *output, bool *failed) 
     atomic_fetch_add(&output->left_out, 1);
     return NULL;
   }
-  const int place = queue_wait_for_slot(&output->queue);
+  /* a reader that stopped is not waited for after a signal: the grace of live_output_close begins */
+  const struct timespec pause = {.tv_nsec = 10000000};
+  while (!queue_has_slot(&output->queue) && !session_interrupted()) (void)nanosleep(&pause, NULL);
+  if (!queue_has_slot(&output->queue)) {
+    atomic_fetch_add(&output->left_out, 1);
+    return NULL;
+  }
+  const int place = queue_wait_for_slot(&output->queue); /* which does not wait */
   *failed = place == QUEUE_CLOSED;
   return *failed ? NULL : &output->pictures[place];
 }
