@@ -108,6 +108,22 @@ for policy in drop wait; do
 done
 kill $sleeper
 
+# a signal while the reader has stopped, which drawing waits for, or the end of the stream: it is over after 2 s
+mkfifo held
+exec 7<> held
+for way in wait drop; do
+  "$ernerf" live head.safetensors --clip clip --size ${side}x$side --audio clip/aud.wav --as-fast -o held --format raw --slow-reader $way 2> err.txt &
+  program=$!
+  for _ in $(seq 600); do grep -q '^live: ' err.txt && break; sleep 0.1; done
+  sleep 1
+  kill -TERM $program
+  for _ in $(seq 100); do kill -0 $program 2> /dev/null || break; sleep 0.1; done
+  kill -KILL $program 2> /dev/null && fail "--slow-reader $way: a reader who has stopped holds the end up"
+  status=0; wait $program || status=$?
+  refused 143 $status "stopped; its reader .* is cut"
+done
+exec 7>&-
+
 # a signal: a reader who reads gets whole frames and the end of the container; a FIFO without a reader does not hold the end up
 mkfifo taken
 for format in mp4 ${ERNERF_TEST_LONG:+raw}; do

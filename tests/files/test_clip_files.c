@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * The files of a clip's frames are not those that one takes them for: exchanged since a training began, or two pictures
- * of one frame. */
+ * The files of a clip's frames are not those that one takes them for: exchanged since a training began or the clip was
+ * opened, or two pictures of one frame. */
 #include <math.h>
 #include <unistd.h>
 
@@ -20,6 +20,7 @@ static ern_context *open_made(void) {
   assert_int_equal(ern_context_create(&context, &config), ERN_OK);
   synth.size = 64;
   synth.frames = 8;
+  synth.parsing = true;
   support_clear("made");
   support_ok(context, ern_synth_write(context, "made", &synth));
   lines[0] = 0;
@@ -66,6 +67,36 @@ static void test_exchanged(void **state) {
   assert_int_equal(unlink("made/au.csv"), 0);
   print_of(context, before);
   assert_string_not_equal(before, after);
+  ern_context_free(&context);
+}
+
+/* A picture that was replaced after the clip was opened belongs to other poses; one in memory is still the earlier. */
+static void test_replaced(void **state) {
+  (void)state;
+  static const char *const files[] = {"made/gt_imgs/3.jpg", "made/torso_imgs/3.png", "made/parsing/3.png"};
+  ern_context *context = open_made();
+  ern_clip *clip = NULL;
+  ern_image truth, torso, head;
+  uint8_t before[64], white[64 * 64 * 4];
+  memset(white, 255, sizeof white);
+  support_ok(context, ern_clip_open(context, "made", NULL, &clip));
+  size_t at = 0; /* of img_id 3 */
+  while (ern_clip_frame_at(clip, ERN_SPLIT_TRAIN, at)->pose.img_id != 3) at++;
+  const size_t other = at == 0 ? 1 : 0;
+  support_ok(context, ern_clip_pixels(clip, ERN_SPLIT_TRAIN, other, &truth, &torso));
+  memcpy(before, truth.data, sizeof before);
+  for (size_t i = 0; i < sizeof files / sizeof *files; i++) {
+    const ern_image picture = {.width = 64, .height = 64, .channels = i == 1 ? 4 : 3, .data = white};
+    support_ok(context, ern_image_write(context, files[i], &picture, 50));
+  }
+  support_expect(context, ern_clip_pixels(clip, ERN_SPLIT_TRAIN, at, &truth, NULL), ERN_E_STATE, files[0],
+                 "was replaced since the clip was opened", NULL);
+  support_expect(context, ern_clip_pixels(clip, ERN_SPLIT_TRAIN, at, NULL, &torso), ERN_E_STATE, files[1], NULL);
+  support_expect(context, ern_clip_torso(clip, ERN_SPLIT_TRAIN, at, &torso), ERN_E_STATE, files[1], NULL);
+  support_expect(context, ern_clip_head(clip, ERN_SPLIT_TRAIN, at, &head), ERN_E_STATE, files[2], NULL);
+  support_ok(context, ern_clip_pixels(clip, ERN_SPLIT_TRAIN, other, &truth, &torso));
+  assert_memory_equal(truth.data, before, sizeof before);
+  ern_clip_free(&clip);
   ern_context_free(&context);
 }
 
@@ -155,7 +186,8 @@ static void test_two_of_one_frame(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_exchanged), cmocka_unit_test(test_links_to_nothing),
-                                     cmocka_unit_test(test_motion), cmocka_unit_test(test_two_of_one_frame)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_exchanged), cmocka_unit_test(test_replaced),
+                                     cmocka_unit_test(test_links_to_nothing), cmocka_unit_test(test_motion),
+                                     cmocka_unit_test(test_two_of_one_frame)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -103,6 +103,11 @@ echo mine > made/portrait.run/notes.txt
 made made --minutes 8 && fail "a user's file in portrait.run was taken"
 [ "$(cat made/portrait.run/notes.txt)" = mine ] && [ -e made/portrait.safetensors.done ] || fail "a user's file in portrait.run"
 rm made/portrait.run/notes.txt
+exec 8> made/portrait.run/lock
+flock 8 # as a training by hand holds it
+made made --minutes 8 && fail "the run folder of a training that goes on was removed"
+[ -e made/portrait.run/lock ] && [ -e made/portrait.safetensors.done ] && grep -q 'a training writes it' err.log || fail "a training by hand"
+exec 8>&-
 made made --minutes 8 || fail "more minutes after a longer training"
 [ ! -e made/portrait.earlier.safetensors ] || fail "the portrait of before a second longer training stayed"
 

@@ -23,6 +23,7 @@ struct pictures {
   ern_clip_part part;
   int channels;      /* in memory; parsing files have 3 */
   uint8_t **kept[2]; /* [split][frame], NULL: not in memory */
+  uint64_t *ends[2]; /* [split][frame], hash of the file's first and last bytes when the clip was opened */
   ern_image last;
 };
 
@@ -159,36 +160,41 @@ fail:
   return status;
 }
 
+static const uint64_t fold_begin = 0xcbf29ce484222325;
 /* Continues a hash of the clip's fingerprint (FNV-1a) with bytes that belong to a frame. */
 static void fold(uint64_t *hash, const void *bytes, size_t count) {
   const unsigned char *at = bytes;
   for (size_t i = 0; i < count; i++) *hash = (*hash ^ at[i]) * 0x100000001b3;
 }
 
-/* Folds a picture's size, its first bytes and its last ones: the end of a PNG has a checksum of all its pixels, and
- * that of a JPEG lies at other bits where anything before it is of another length. */
-static ern_status fold_picture(ern_clip *clip, const char *path) {
+/* Folds a picture's size into one hash, its first bytes and its last ones into another: the end of a PNG has a checksum
+ * of all its pixels, and that of a JPEG lies at other bits where anything before it is of another length. *own: a hash
+ * of these bytes alone. */
+static ern_status fold_picture(ern_context *context, const char *path, uint64_t *sizes, uint64_t *ends, uint64_t *own) {
   unsigned char end[4096];
   struct ern_file_reader reader;
-  ern_status status = ern_file_reader_open(clip->context, path, SIZE_MAX, &reader);
+  ern_status status = ern_file_reader_open(context, path, SIZE_MAX, &reader);
   if (status != ERN_OK) return status;
   const size_t count = reader.size < sizeof end ? reader.size : sizeof end;
-  fold(&clip->hash, &reader.size, sizeof reader.size);
-  ERN_TRY(ern_file_reader_take(&reader, 0, end, count));
-  fold(&clip->ends_hash, end, count);
-  ERN_TRY(ern_file_reader_take(&reader, reader.size - count, end, count));
-  fold(&clip->ends_hash, end, count);
+  *own = fold_begin;
+  fold(sizes, &reader.size, sizeof reader.size);
+  for (int k = 0; k < 2; k++) {
+    ERN_TRY(ern_file_reader_take(&reader, k == 0 ? 0 : reader.size - count, end, count));
+    fold(ends, end, count);
+    fold(own, end, count);
+  }
 fail:
   ern_file_reader_close(&reader);
   return status;
 }
 
-static ern_status check_picture(ern_clip *clip, ern_clip_part part, int64_t img_id) {
+static ern_status check_picture(ern_clip *clip, struct pictures *pictures, ern_split split, size_t index) {
   ern_status status = ERN_OK;
   char *path = NULL;
-  ERN_TRY(ern_clip_part_path(clip->context, clip->folder, part, img_id, &path));
+  const int64_t img_id = clip->frames[split][index].pose.img_id;
+  ERN_TRY(ern_clip_part_path(clip->context, clip->folder, pictures->part, img_id, &path));
   ERN_TRY(ern_clip_picture_check(clip->context, path, clip->info.width, clip->info.height));
-  ERN_TRY(fold_picture(clip, path));
+  ERN_TRY(fold_picture(clip->context, path, &clip->hash, &clip->ends_hash, &pictures->ends[split][index]));
 fail:
   ern_release(clip->context, path);
   return status;
@@ -196,9 +202,10 @@ fail:
 
 /* Reads a frame's data without its pixels. It reads the headers of the pictures, so that a bad file is reported now and
  * not hours later. */
-static ern_status open_frame(ern_clip *clip, ern_clip_frame *frame, const float *blink,
+static ern_status open_frame(ern_clip *clip, ern_split split, size_t index, const float *blink,
                              const float (*motion)[ERN_MOTION_VALUES]) {
   ern_status status = ERN_OK;
+  ern_clip_frame *frame = &clip->frames[split][index];
   char *path = NULL;
   if (blink != NULL) {
     const float raw = blink[frame->pose.img_id];
@@ -209,9 +216,9 @@ static ern_status open_frame(ern_clip *clip, ern_clip_frame *frame, const float 
     memcpy(frame->torso_motion, motion[frame->pose.img_id], sizeof frame->torso_motion);
     fold(&clip->hash, frame->torso_motion, sizeof frame->torso_motion);
   }
-  ERN_TRY(check_picture(clip, ERN_PART_TRUTH, frame->pose.img_id));
-  if (clip->info.has_torso) ERN_TRY(check_picture(clip, ERN_PART_TORSO, frame->pose.img_id));
-  if (clip->info.has_parsing) ERN_TRY(check_picture(clip, ERN_PART_PARSING, frame->pose.img_id));
+  ERN_TRY(check_picture(clip, &clip->truth, split, index));
+  if (clip->info.has_torso) ERN_TRY(check_picture(clip, &clip->torso, split, index));
+  if (clip->info.has_parsing) ERN_TRY(check_picture(clip, &clip->head, split, index));
   if (clip->info.has_landmarks) {
     ERN_TRY(ern_clip_part_path(clip->context, clip->folder, ERN_PART_LANDMARKS, frame->pose.img_id, &path));
     ERN_TRY(ern_landmarks_read(clip->context, path, frame->landmarks));
@@ -227,14 +234,16 @@ static ern_status open_split(ern_clip *clip, ern_split split, const ern_pose_lis
                              const float (*motion)[ERN_MOTION_VALUES]) {
   ern_status status = ERN_OK;
   ERN_TRY(ERN_NEW(clip->context, list->count, &clip->frames[split]));
-  ERN_TRY(ERN_NEW(clip->context, list->count, &clip->truth.kept[split]));
-  ERN_TRY(ERN_NEW(clip->context, list->count, &clip->torso.kept[split]));
-  ERN_TRY(ERN_NEW(clip->context, list->count, &clip->head.kept[split]));
+  struct pictures *const kinds[] = {&clip->truth, &clip->torso, &clip->head};
+  for (size_t k = 0; k < sizeof kinds / sizeof *kinds; k++) {
+    ERN_TRY(ERN_NEW(clip->context, list->count, &kinds[k]->kept[split]));
+    ERN_TRY(ERN_NEW(clip->context, list->count, &kinds[k]->ends[split]));
+  }
   clip->info.frames[split] = list->count;
   const int64_t windows = (int64_t)clip->features.windows;
   for (size_t i = 0; i < list->count; i++) {
     clip->frames[split][i].pose = list->poses[i];
-    ERN_TRY(open_frame(clip, &clip->frames[split][i], blink, motion));
+    ERN_TRY(open_frame(clip, split, i, blink, motion));
     if (list->poses[i].aud_id >= windows) clip->frames[split][i].pose.aud_id = windows - 1;
   }
 fail:
@@ -315,7 +324,7 @@ static ern_status open_parts(ern_clip *clip, const ern_clip_options *options) {
   clip->info.has_torso_motion = motion != NULL;
   ERN_TRY(find_optional(clip));
   ERN_TRY(ern_clip_doubts(context, clip->folder, train, warn_of_doubt, clip));
-  clip->hash = clip->ends_hash = 0xcbf29ce484222325;
+  clip->hash = clip->ends_hash = fold_begin;
   ERN_TRY(open_split(clip, ERN_SPLIT_TRAIN, &lists[ERN_SPLIT_TRAIN], blink, (const float(*)[ERN_MOTION_VALUES])motion));
   ERN_TRY(open_split(clip, ERN_SPLIT_VAL, &lists[ERN_SPLIT_VAL], blink, (const float(*)[ERN_MOTION_VALUES])motion));
   snprintf(clip->fingerprint, sizeof clip->fingerprint, "%016" PRIx64 "%016" PRIx64, clip->hash, clip->ends_hash);
@@ -362,6 +371,7 @@ static void free_pictures(ern_clip *clip, struct pictures *pictures) {
       ern_release(clip->context, pictures->kept[split][i]);
     }
     ern_release(clip->context, pictures->kept[split]);
+    ern_release(clip->context, pictures->ends[split]);
   }
   ern_image_free(clip->context, &pictures->last);
 }
@@ -452,10 +462,12 @@ const ern_clip_frame *ern_clip_frame_at(const ern_clip *clip, ern_split split, s
   return has_frame(clip, split, index) ? &clip->frames[split][index] : NULL;
 }
 
-/* *image = one picture of a frame, read from its file. */
+/* *image = one picture of a frame, read from its file, which is still that of when the clip was opened: poses and
+ * landmarks belong to it. */
 static ern_status read_picture(const ern_clip *clip, const struct pictures *pictures, ern_split split, size_t index,
                                ern_image *image) {
   ern_status status = ERN_OK;
+  uint64_t ends = 0, unused[2] = {0};
   ern_context *context = clip->context;
   char *path = NULL;
   const int width = clip->info.width, height = clip->info.height;
@@ -465,6 +477,10 @@ static ern_status read_picture(const ern_clip *clip, const struct pictures *pict
     ERN_TRY(ern_fail(context, ERN_E_SHAPE,
                      "%s: size is %d x %d, expected %d x %d: it changed since the clip was opened", path, image->width,
                      image->height, width, height));
+  ERN_TRY(fold_picture(context, path, &unused[0], &unused[1], &ends)); /* after it was read, as it may change then */
+  if (ends != pictures->ends[split][index])
+    ERN_TRY(
+        ern_fail(context, ERN_E_STATE, "%s: was replaced since the clip was opened, expected the same picture", path));
   if (pictures->part == ERN_PART_PARSING) ERN_TRY(ern_clip_head_of_parsing(context, path, image));
 fail:
   if (status != ERN_OK) ern_image_free(context, image);

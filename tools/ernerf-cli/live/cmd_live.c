@@ -2,7 +2,6 @@
  * ernerf live: renders a talking portrait from live sound and streams it. */
 #include <stdlib.h>
 #include <string.h>
-#include <sys/stat.h>
 
 #include "live/live_job.h"
 #include "verbs.h"
@@ -53,15 +52,6 @@ static void out_options(struct live_job *job, struct option options[OUT_OPTIONS]
   ARGS_FILL(options, rows, OUT_OPTIONS);
 }
 
-/* The path of a file that `url` names, which is created or replaced; NULL: an address, a pipe or a device, which is
- * written to directly. */
-static const char *file_of(const char *url) {
-  const char *path = url != NULL ? ern_stream_file(url) : NULL;
-  struct stat there;
-  if (path == NULL || strcmp(path, "-") == 0) return NULL;
-  return stat(path, &there) != 0 || S_ISREG(there.st_mode) || S_ISDIR(there.st_mode) ? path : NULL;
-}
-
 /* Of a format that is not compressed, by its name or else that of the output (docs/live.md). */
 static bool is_uncompressed(const struct live_output *output) {
   static const char *const formats[] = {"y4m", "nut", "raw"}, *const endings[] = {".y4m", ".nut", ".rgba"};
@@ -102,8 +92,8 @@ static int check_usage(struct live_job *job, const struct args *args) {
     status = args_refuse(args, "--json and -o - both take standard output, expected --json FILE.json");
   if (!args_given(args, "max-delay") && job->sound.url != NULL && ern_sound_reader_is_device(job->sound.url))
     job->most_delay = 0.2;
-  job->output.drops =
-      args_given(args, "slow-reader") ? job->slow_reader == 1 : !job->unpaced && file_of(job->output.url) == NULL;
+  job->output.drops = args_given(args, "slow-reader") ? job->slow_reader == 1
+                                                      : !job->unpaced && live_output_file(job->output.url) == NULL;
   return status;
 }
 
@@ -135,7 +125,7 @@ static int finish(struct live_job *job, int status) {
   if (status != 0) live_output_fail(&job->output);
   live_sound_stop(&job->sound);
   live_control_stop(&job->commands);
-  if (status == 0) live_output_close(&job->output, stopped && file_of(job->output.url) == NULL);
+  if (status == 0) live_output_close(&job->output, stopped && live_output_file(job->output.url) == NULL);
   const bool is_there = job->output.kept || (status == 0 && job->output.error == NULL);
   if (is_there && provenance_write(&job->provenance, session, about_output(job)) != 0) status = EXIT_FAILURE;
   if (job->output.error != NULL) status = session_fail_with(session, "%s", job->output.error); /* the last line */
@@ -155,8 +145,8 @@ static int finish(struct live_job *job, int status) {
                (unsigned long long)job->repeated, left, (unsigned long long)job->skipped, job->output.url);
   if (!job->unpaced) rate_control_summary(&job->rate_control, 0);
   if (session_report(session, live_statistics(job)) != 0) return EXIT_FAILURE;
-  if (mute) return EXIT_FAILURE; /* already reported */
-  if (stopped && job->output.cut)
+  if (mute) return EXIT_FAILURE;                /* already reported */
+  if (session_interrupted() && job->output.cut) /* also where the signal came after the last frame */
     return session_stop_with(session, "stopped; its reader did not take the end of the stream, which is cut");
   if (job->output.cut)
     return session_fail_with(session, "%s: did not take the last %llu frames in %d s; the stream is cut",
@@ -167,7 +157,7 @@ static int finish(struct live_job *job, int status) {
 
 static int run(struct live_job *job, const struct args *args) {
   struct session *session = &job->session;
-  const char *file = file_of(job->output.url);
+  const char *file = live_output_file(job->output.url);
   int status = file != NULL ? session_check_output(session, file) : 0;
   if (status == 0 && file != NULL) status = provenance_check(&job->provenance, session, file);
   if (status == 0) status = live_open(job, args);
@@ -207,8 +197,9 @@ int cmd_live(int argc, char **argv) {
   live_tables_fill(tables, job, IN_OPTIONS, OUT_OPTIONS, &args);
   status = args_parse(&args, argc, argv);
   if (status < 0) status = check_usage(job, &args);
-  const char *const inputs[SESSION_INPUTS] = {job->portrait.model_path, job->portrait.source.path, job->background_file,
-                                              job->rate_control.front,  file_of(job->sound.url),   job->video.path};
+  const char *const inputs[SESSION_INPUTS] = {
+      job->portrait.model_path, job->portrait.source.path,        job->background_file,
+      job->rate_control.front,  live_output_file(job->sound.url), job->video.path};
   memcpy(job->session.inputs, inputs, sizeof inputs);
   if (job->sound.url == NULL) job->sound.keeps_running = true;
   if (status < 0) status = session_open(&job->session, &args);

@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
+#include <time.h>
 
 enum { LATE_BINS = 1001, TEXT_BYTES = 2048 };
 
@@ -17,16 +18,24 @@ static const double patience_of_address = LIVE_PATIENCE;
 /* Seconds for which frames are left out before a warning. */
 static const double bearable = 5;
 
+const char *live_output_file(const char *url) {
+  const char *path = url != NULL ? ern_stream_file(url) : NULL;
+  struct stat there;
+  if (path == NULL || strcmp(path, "-") == 0) return NULL;
+  return stat(path, &there) != 0 || S_ISREG(there.st_mode) || S_ISDIR(there.st_mode) ? path : NULL;
+}
+
 static bool is_over(const struct live_output *output) {
   const double now = session_seconds();
   return now >= atomic_load(&output->stop_at) || now >= output->hurried_until;
 }
 
-/* A signal ends the wait for the first reader at once, and that for one who stands still. */
+/* A signal ends the wait for the first reader at once, and leaves a later one `grace`. A file is completed. */
 static int asks_to_stop(void *user) {
   struct live_output *output = user;
   const bool interrupted = session_interrupted();
-  if (interrupted && isinf(output->hurried_until)) output->hurried_until = session_seconds() + grace;
+  if (interrupted && !output->completes && isinf(output->hurried_until))
+    output->hurried_until = session_seconds() + grace;
   return is_over(output) || (!atomic_load(&output->running) && interrupted);
 }
 
@@ -142,6 +151,7 @@ int live_output_open(struct live_output *output, struct session *session, struct
   output->serves_http = output->write == NULL && strncmp(output->url, "http://", 7) == 0;
   output->connects = output->write == NULL && !output->serves_http && ern_stream_file(output->url) == NULL &&
                      strcmp(output->url, "-") != 0;
+  output->completes = output->write == NULL && live_output_file(output->url) != NULL;
   output->options = ern_stream_options_default(size.width, size.height);
   output->options.format = output->format;
   output->options.rate_numerator = rate.numerator;
@@ -199,7 +209,14 @@ struct live_picture *live_output_next(struct live_output *output, bool *failed) 
     tell_left_out(output);
     return NULL;
   }
-  const int place = queue_wait_for_slot(&output->queue);
+  /* a reader that stopped is not waited for after a signal: the grace of live_output_close begins */
+  const struct timespec pause = {.tv_nsec = 10000000};
+  while (!queue_has_slot(&output->queue) && !session_interrupted()) (void)nanosleep(&pause, NULL);
+  if (!queue_has_slot(&output->queue)) {
+    atomic_fetch_add(&output->left_out, 1);
+    return NULL;
+  }
+  const int place = queue_wait_for_slot(&output->queue); /* which does not wait */
   *failed = place == QUEUE_CLOSED;
   return *failed ? NULL : &output->pictures[place];
 }

@@ -46,6 +46,7 @@ struct live_output {
   pthread_t thread;
   bool serves_http;                     /* HTTP server: serves one reader after another */
   bool connects;                        /* to the server of an address */
+  bool completes;                       /* a file: also after a signal it is written to its end */
   atomic_bool running;                  /* the thread runs */
   atomic_bool open;                     /* a reader is connected */
   atomic_bool patient;                  /* each frame that is written moves stop_at */
@@ -62,6 +63,9 @@ struct live_output {
   atomic_uint late[1001]; /* histogram: frames by lateness in milliseconds; the last bin: 1000 or more */
 };
 
+/* The path of a file that `url` names, which is created or replaced; NULL: an address, a pipe or a device, which is
+ * written to directly. */
+const char *live_output_file(const char *url);
 /* Opens the stream and starts the thread; for HTTP, the thread waits for a reader and opens the stream. Returns 0, or
  * EXIT_FAILURE after a message, as the others do. */
 int live_output_open(struct live_output *output, struct session *session, struct dimensions size, struct rate rate,

@@ -179,7 +179,9 @@ int provenance_write(struct provenance *provenance, struct session *session, jso
   if (provenance->path[0] != 0 && status == 0) {
     if (more != NULL && json_object_update(provenance->about, more) == 0 && !session_json_refused())
       text = json_dumps(provenance->about, JSON_INDENT(2));
-    if (text != NULL && provenance->replaces && is_own(provenance->path)) (void)unlink(provenance->path);
+    /* of numbered pictures, one that appeared is of a process that drew others */
+    const bool replaces = provenance->replaces || provenance->numbered;
+    if (text != NULL && replaces && is_own(provenance->path)) (void)unlink(provenance->path);
     if (text == NULL)
       status = session_fail_with(session, "out of memory");
     else if (ern_file_save(session->context, provenance->path, text, strlen(text)) != ERN_OK)

@@ -8,7 +8,6 @@
 #include <stdlib.h>
 #include <string.h>
 #include <strings.h>
-#include <sys/file.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -136,34 +135,43 @@ static bool numbered_path(const struct sink *sink, size_t number, char path[PATH
          PATH_BYTES;
 }
 
-/* Locks the pictures from `first` on: a second process with --overwrite would mix its pictures into them. Where the
- * lock's name is too long there is none. */
-static int claim(struct sink *sink, struct session *session, const char *first) {
+/* Locks the range `number` .. `number` + `count` - 1 of the lock file, a byte for each picture. */
+static bool lock_range(int file, size_t number, size_t count) {
+  struct flock range = {
+      .l_type = F_WRLCK, .l_whence = SEEK_SET, .l_start = (off_t)number, .l_len = (off_t)count /* 0: all */};
+  return fcntl(file, F_SETLK, &range) == 0 || (errno != EAGAIN && errno != EACCES); /* no locks here: as if locked */
+}
+
+/* Locks the pictures that are written: a second process with --overwrite would mix its own into them. All ranges have
+ * one file, NAMEall.png.claim.ernerf-tmp. Where that name is too long there is no lock. */
+static int claim(struct sink *sink, struct session *session, const struct frame_source *frame_source) {
   char name[PATH_BYTES + 32];
   struct stat opened, named;
-  snprintf(name, sizeof name, "%s.claim.ernerf-tmp", first);
+  const char *percent = strchr(sink->path, '%'), *rest = strchr(percent, 'd') + 1;
+  snprintf(name, sizeof name, "%.*sall%s.claim.ernerf-tmp", (int)(percent - sink->path), sink->path, rest);
   for (;;) {
     sink->claim = open(name, O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW, 0666);
     if (sink->claim < 0 && errno == ENAMETOOLONG) return 0;
     if (sink->claim < 0) return session_fail_with(session, "%s: cannot write: %s", name, strerror(errno));
-    const bool busy = flock(sink->claim, LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK;
-    /* the process that held the lock may have removed the file in between */
-    if (!busy && fstat(sink->claim, &opened) == 0 && lstat(name, &named) == 0 && opened.st_ino == named.st_ino) break;
+    const bool locked = lock_range(sink->claim, frame_source->source_frame[0].number, frame_source->count);
+    /* a process that held a lock may have removed the file in between */
+    if (locked && fstat(sink->claim, &opened) == 0 && lstat(name, &named) == 0 && opened.st_ino == named.st_ino) break;
     (void)close(sink->claim);
-    if (busy) return session_fail_with(session, "%s: another process writes these pictures", sink->path);
+    if (!locked) return session_fail_with(session, "%s: another process writes these pictures", sink->path);
   }
   sink->claim_name = strdup(name);
   if (sink->claim_name != NULL) return 0;
-  (void)unlink(name);
+  if (lock_range(sink->claim, 0, 0)) (void)unlink(name);
   (void)close(sink->claim);
   return session_fail_with(session, "%s: no memory for its lock", sink->path);
 }
 
-/* A file with contents is not this program's. */
+/* A file with contents is not this program's, and one with another process's lock stays. */
 static void release_claim(const struct sink *sink) {
   struct stat about;
   if (sink->claim_name == NULL) return;
-  if (fstat(sink->claim, &about) == 0 && about.st_size == 0) (void)unlink(sink->claim_name);
+  if (fstat(sink->claim, &about) == 0 && about.st_size == 0 && lock_range(sink->claim, 0, 0))
+    (void)unlink(sink->claim_name);
   (void)close(sink->claim);
 }
 
@@ -176,9 +184,7 @@ int sink_check(struct sink *sink, struct session *session, const struct frame_so
       return session_fail_with(session, "%s: the name is too long", sink->path);
     if (session_check_output(session, path) != 0) return EXIT_FAILURE;
   }
-  if (frame_source->count == 0) return 0;
-  (void)numbered_path(sink, frame_source->source_frame[0].number, path);
-  return claim(sink, session, path);
+  return frame_source->count > 0 ? claim(sink, session, frame_source) : 0;
 }
 
 /* ---- writing: the writer's thread -------------------------------------------------------------------------------- */
