@@ -4,10 +4,13 @@
 #include "support.h"
 
 #include <ctype.h>
+#include <sys/resource.h>
+#include <unistd.h>
 
 #include "backend_opencl/device/kernel_sources.h"
 #include "backend_opencl/device/limits.h"
 #include "backend_opencl/device/peak.h"
+#include "backend_opencl/device/program.h"
 #include "backend_opencl/opencl.h"
 #include "ernerf/backend.h"
 #include "hashgrid/hashgrid.h"
@@ -149,6 +152,47 @@ static void test_first_use(void **state) {
   for (int i = 0; i < 3; i++) refuse_buffer(&b, LITTLE + 1);
   set("ERNERF_FAULT_MEMORY", 0);
   set("ERNERF_FAULT_FIRST_USE", 0);
+  bench_close(&b);
+}
+
+/* A process that may have little more: of a buffer and of a program it is said, and both are made once it may. */
+static void test_host_bytes(void **state) {
+  enum { ROOM = 32 << 20 };
+  static float y[SIDE * SAMPLES];
+  struct rlimit before, now;
+  struct bench b;
+  long pages = 0;
+  (void)state;
+  bench_open(&b, "cpu");
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+  const bool limited = false; /* a sanitizer itself takes addresses */
+#else
+  const bool limited = device_of(&b)->host;
+#endif
+  if (!limited) {
+    bench_close(&b);
+    return;
+  }
+  support_ok(b.context, run_layer(&b, y)); /* with it the arena and the threads are there */
+  FILE *about = fopen("/proc/self/statm", "r");
+  assert_true(about != NULL && fscanf(about, "%ld", &pages) == 1);
+  fclose(about);
+  assert_int_equal(getrlimit(RLIMIT_AS, &before), 0);
+  now = before;
+  now.rlim_cur = (rlim_t)pages * (rlim_t)sysconf(_SC_PAGESIZE) + ROOM;
+  struct ern_buffer *buffer = NULL;
+  assert_int_equal(setrlimit(RLIMIT_AS, &now), 0);
+  const ern_status made = b.backend->buffer_make(b.backend, ERN_ELEMENT_BYTE, 4 * (size_t)ROOM, &buffer);
+  cl_program program = NULL;
+  const ern_status built =
+      ern_cl_program_get((struct ern_cl_backend *)b.backend, ERN_CL_picture, "-DOTHER=1", &program);
+  assert_int_equal(setrlimit(RLIMIT_AS, &before), 0);
+  assert_int_equal(made, ERN_E_NO_MEMORY);
+  assert_null(buffer);
+  support_expect(b.context, built, ERN_E_NO_MEMORY, "OpenCL", "no memory to compile picture.cl", NULL);
+  support_ok(b.context, b.backend->buffer_make(b.backend, ERN_ELEMENT_BYTE, 4 * (size_t)ROOM, &buffer));
+  support_ok(b.context, ern_cl_program_get((struct ern_cl_backend *)b.backend, ERN_CL_picture, "-DOTHER=1", &program));
+  b.backend->buffer_free(b.backend, buffer);
   bench_close(&b);
 }
 

@@ -1,8 +1,10 @@
 /* SPDX-License-Identifier: MIT
  * Errors, buffers and transfers. */
+#define _GNU_SOURCE /* MAP_ANONYMOUS */
 #include "backend_opencl/device/buffer.h"
 
 #include <string.h>
+#include <sys/mman.h>
 
 #include "backend_opencl/device/limits.h"
 #include "core/memory.h"
@@ -71,6 +73,13 @@ ern_status ern_cl_check(struct ern_cl_backend *backend, cl_int code, const char 
 
 /* ---- buffers ----------------------------------------------------------------------------------------------------- */
 
+bool ern_cl_memory_is_free(size_t bytes) {
+  void *room = mmap(NULL, bytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
+  if (room == MAP_FAILED) return false;
+  (void)munmap(room, bytes);
+  return true;
+}
+
 static size_t bytes_of(const struct ern_buffer *buffer) {
   return (buffer->count > 0 ? buffer->count : 1) * element_bytes[buffer->element];
 }
@@ -105,6 +114,8 @@ static ern_status too_large(struct ern_cl_backend *backend, size_t bytes) {
                   (unsigned long long)device->memory_bytes);
 }
 
+enum { BESIDE = 1 << 20 /* bytes of the allocator and the driver for a buffer, a guess */ };
+
 static ern_status buffer_make(struct ern_backend *table, ern_element element, size_t count,
                               struct ern_buffer **buffer) {
   struct ern_cl_backend *backend = (struct ern_cl_backend *)table;
@@ -115,6 +126,12 @@ static ern_status buffer_make(struct ern_backend *table, ern_element element, si
   *buffer = NULL;
   if (!ern_size_multiply(count > 0 ? count : 1, element_bytes[element], &bytes)) return too_large(backend, SIZE_MAX);
   if (bytes > backend->device.buffer_bytes) return too_large(backend, bytes);
+  if (backend->device.host && !ern_cl_memory_is_free(bytes + BESIDE))
+    return ern_fail(
+        table->context, ERN_E_NO_MEMORY,
+        "OpenCL: %s: too little memory: a buffer of %zu bytes is needed beside the %zu taken, and the system "
+        "refuses them (ulimit -v, -d)",
+        backend->device.name, bytes, atomic_load(&backend->taken));
   ERN_TRY(ERN_NEW(table->context, 1, &made));
   made->element = element;
   made->count = count;

@@ -10,6 +10,9 @@
 ern_status ern_cl_check(struct ern_cl_backend *backend, cl_int code, const char *doing);
 const char *ern_cl_error_name(cl_int code);
 
+/* Whether the system has so many bytes for the process, as far as the limits of its addresses and data tell. */
+bool ern_cl_memory_is_free(size_t bytes);
+
 /* Blocking read of `count` floats or int32. */
 ERN_NODISCARD ern_status ern_cl_read(struct ern_stream *stream, void *to, ern_span from, size_t count);
 

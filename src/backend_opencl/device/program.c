@@ -8,6 +8,7 @@
 #include "backend_opencl/device/buffer.h"
 #include "backend_opencl/device/cache.h"
 #include "backend_opencl/device/kernel_sources.h"
+#include "backend_opencl/device/limits.h"
 #include "backend_opencl/device/program.h"
 #include "core/memory.h"
 #include "io/file.h"
@@ -180,6 +181,10 @@ bool ern_cl_programs_kept(ern_context *context, const struct ern_cl_device *devi
 static ern_status make(struct ern_cl_backend *backend, ern_cl_source source, const char *options, cl_program *program) {
   char all[OPTION_BYTES], key[ERN_CL_KEY_BYTES];
   ern_status status = ERN_OK;
+  if (!ern_cl_memory_is_free(ERN_CL_LIMIT_host_bytes))
+    ERN_TRY(ern_fail(backend->table.context, ERN_E_NO_MEMORY,
+                     "OpenCL: %s: no memory to compile %s; expected %d MiB of addresses that are free (ulimit -v, -d)",
+                     backend->device.name, sources[source].name, ERN_CL_LIMIT_host_bytes >> 20));
   ERN_TRY(identify(backend->table.context, &backend->device, source, options, all, key));
   const bool cached = !backend->device.keeps_kernels;
   if (cached) *program = from_cache(backend, key, all);
