@@ -151,6 +151,7 @@ static void remux(const char *from, const char *to, double later, double until, 
     packet->pos = -1;
     av_packet_rescale_ts(packet, unit, stream->time_base);
     assert_true(av_write_frame(out, packet) >= 0);
+    av_packet_unref(packet);
   }
   assert_true(av_write_trailer(out) >= 0);
   avio_closep(&out->pb);
