@@ -435,13 +435,37 @@ static void test_changing_place(void **state) {
   if (strstr(run.verdict.words, "the background changes: ") == NULL) fail_msg("%s", run.verdict.words);
 }
 
-/* The light, from 0.75 to all of it. */
+/* An inset picture in the upper left corner, 2 % of the picture: another one every third frame. */
+static void draw_inset(ern_image *image, int frame) {
+  const int edge = side / 7;
+  for (int y = 0; y < edge; y++)
+    for (int x = 0; x < edge; x++) {
+      const unsigned block = (unsigned)(x / 4 + 64 * (y / 4) + 4096 * (frame / 3)) * 2654435761u;
+      memset(image->data + 3 * (y * side + x), (int)(40 + (block >> 20) % 180), 3);
+    }
+}
+
+/* A small part of the background that changes is told, and where it is. */
+static void test_inset(void **state) {
+  struct truth *t = *state;
+  struct run run = {.options = ern_prepare_options_default()};
+  run.options.masks = "person";
+  run.options.head_only = true;
+  write_masks(t, "person", true);
+  run_changed(t, &run, draw_inset);
+  assert_int_equal(run.verdict.grade, ERN_PREPARE_DOUBTFUL);
+  if (strstr(run.verdict.words,
+             "a part of the background changes, at 0 to 14 % of the picture's width and 0 to 14 %") == NULL)
+    fail_msg("%s", run.verdict.words);
+}
+
+/* The light, from 0.4 to all of it. */
 static void change_light(ern_image *image, int frame) {
-  const double light = 0.75 + 0.25 * frame / (FRAMES - 1);
+  const double light = 0.4 + 0.6 * frame / (FRAMES - 1);
   for (int i = 0; i < 3 * pixels; i++) image->data[i] = (uint8_t)lround(light * image->data[i]);
 }
 
-/* Light that changes is no camera that moves. */
+/* Light that changes is no camera that moves, and no other place. */
 static void test_light(void **state) {
   struct truth *t = *state;
   struct run run = {.options = ern_prepare_options_default()};
@@ -449,7 +473,10 @@ static void test_light(void **state) {
   run.options.head_only = true;
   write_masks(t, "person", true);
   run_changed(t, &run, change_light);
-  if (strstr(run.verdict.words, "camera") != NULL) fail_msg("%s", run.verdict.words);
+  if (strstr(run.verdict.words, "the light changes: ") == NULL ||
+      strstr(run.verdict.words, "the camera moves") != NULL ||
+      strstr(run.verdict.words, "the background changes") != NULL)
+    fail_msg("%s", run.verdict.words);
 }
 
 /* Text that runs through the picture is named, and where it does so. */
@@ -542,11 +569,12 @@ static void test_nothing_long(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_truth),       cmocka_unit_test(test_no_shoulders_long), cmocka_unit_test(test_supplied),
-      cmocka_unit_test(test_leaning),     cmocka_unit_test(test_background),        cmocka_unit_test(test_camera),
-      cmocka_unit_test(test_banner_long), cmocka_unit_test(test_changing_place),    cmocka_unit_test(test_light),
-      cmocka_unit_test(test_cancel),      cmocka_unit_test(test_cluttered_long),    cmocka_unit_test(test_key_long),
-      cmocka_unit_test(test_nothing_long)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_truth),       cmocka_unit_test(test_no_shoulders_long),
+                                     cmocka_unit_test(test_supplied),    cmocka_unit_test(test_leaning),
+                                     cmocka_unit_test(test_background),  cmocka_unit_test(test_camera),
+                                     cmocka_unit_test(test_banner_long), cmocka_unit_test(test_changing_place),
+                                     cmocka_unit_test(test_light),       cmocka_unit_test(test_inset),
+                                     cmocka_unit_test(test_cancel),      cmocka_unit_test(test_cluttered_long),
+                                     cmocka_unit_test(test_key_long),    cmocka_unit_test(test_nothing_long)};
   return cmocka_run_group_tests(tests, make_truth, free_truth);
 }
