@@ -14,6 +14,8 @@ constexpr float NOISE_LEAST = 4, NOISE_MOST = 25; /* grey values, of video after
  * less. */
 constexpr float NOISE_STILL = 6;
 
+constexpr double LEAST_CHANGE = 5; /* standard deviation of a background, grey values, whose contrast can be told */
+
 /* The mask of an example's visible background, at the clip's side. */
 cv::Mat free_of(const ern_person_model &model, const ern_person_example &example) {
   cv::Mat whole;
@@ -176,6 +178,27 @@ bool place_moved(const cv::Mat &before, const cv::Mat &after, const cv::Mat &fre
 }
 
 }  // namespace
+
+cv::Mat ern_person_place_lit(const cv::Mat &background, const cv::Mat &frame, const cv::Mat &place) {
+  std::vector<cv::Mat> from, to;
+  cv::Mat lit;
+  cv::split(background, from);
+  cv::split(frame, to);
+  for (int i = 0; i < 3; i++) {
+    cv::Mat a, b;
+    cv::Scalar mean_a, mean_b, sigma;
+    from[size_t(i)].convertTo(a, CV_32F);
+    to[size_t(i)].convertTo(b, CV_32F);
+    cv::meanStdDev(a, mean_a, sigma, place);
+    mean_b = cv::mean(b, place);
+    const cv::Mat da = a - mean_a, db = b - mean_b;
+    const double spread = sigma[0] * sigma[0];
+    const double gain = sigma[0] < LEAST_CHANGE ? 1 : cv::mean(da.mul(db), place)[0] / spread;
+    from[size_t(i)] = da * gain + mean_b;
+  }
+  cv::merge(from, lit);
+  return lit;
+}
 
 void ern_person_background(ern_person_model *model, const uint8_t *background, bool key, ern_person_found *found) {
   const int n = model->side;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * What changes in the place behind the person: its light, and a part of it. */
+ * Finds a part of the place behind the person that changes. */
 #include <algorithm>
 #include <cmath>
 
@@ -7,9 +7,8 @@
 
 namespace {
 
-constexpr double HAIR = 1.5;       /* of the projected head: up to there hair may pass for background */
-constexpr float UNLIKE = 30;       /* distance of two colours, grey values */
-constexpr double LEAST_CHANGE = 5; /* standard deviation of a background, grey values, whose contrast can be told */
+constexpr double HAIR = 1.5; /* of the projected head: up to there hair may pass for background */
+constexpr float UNLIKE = 30; /* distance of two colours, grey values */
 
 cv::Mat disc(int radius) {
   return cv::getStructuringElement(cv::MORPH_ELLIPSE, cv::Size(2 * radius + 1, 2 * radius + 1));
@@ -26,27 +25,6 @@ cv::Mat far_from(const ern_person_model &model, const cv::Mat &mask, const ern_l
 }
 
 }  // namespace
-
-cv::Mat ern_person_place_lit(const cv::Mat &background, const cv::Mat &frame, const cv::Mat &place) {
-  std::vector<cv::Mat> from, to;
-  cv::Mat lit;
-  cv::split(background, from);
-  cv::split(frame, to);
-  for (int i = 0; i < 3; i++) {
-    cv::Mat a, b;
-    cv::Scalar mean_a, mean_b, sigma;
-    from[size_t(i)].convertTo(a, CV_32F);
-    to[size_t(i)].convertTo(b, CV_32F);
-    cv::meanStdDev(a, mean_a, sigma, place);
-    mean_b = cv::mean(b, place);
-    const cv::Mat da = a - mean_a, db = b - mean_b;
-    const double spread = sigma[0] * sigma[0];
-    const double gain = sigma[0] < LEAST_CHANGE ? 1 : cv::mean(da.mul(db), place)[0] / spread;
-    from[size_t(i)] = da * gain + mean_b;
-  }
-  cv::merge(from, lit);
-  return lit;
-}
 
 ern_status ern_person_inset_add(ern_person_model *model, const uint8_t *rgb, const ern_layer_face *face,
                                 const uint8_t *voted) {
