@@ -1,114 +1,15 @@
 /* SPDX-License-Identifier: MIT
  * The step "layers" of prepare on a made-up clip with its true poses and landmarks: person, head and background against
  * the truth, masks that are brought, a screen of one colour, a head alone, and pictures in which there is nothing. */
-#include "../support.h"
+#include "made_layers.h"
 
-#include <math.h>
-#include <sys/stat.h>
-#include <unistd.h>
-
-#include "core/memory.h"
-#include "ernerf-lab/synth.h"
-#include "io/file.h"
-#include "prepare/prepare_job.h"
-
-enum { FRAMES = 22, CALLS = 5 };
-
-/* Of a picture. In the quick test the smallest side that prepare takes, as the cost of a run goes with the area. */
-static int side, pixels;
-static struct truth {
-  ern_context *context;
-  uint8_t *person, *head; /* [FRAMES][pixels] */
-  ern_image background;
-} made;
-
-static const char *name_of(const char *folder, const char *format, int frame) {
-  static char path[4][512];
-  static int turn = 0;
-  char name[128];
-  snprintf(name, sizeof name, format, frame);
-  turn = (turn + 1) % 4;
-  snprintf(path[turn], sizeof path[turn], "%s/%s", folder, name);
-  return path[turn];
-}
-
-static ern_image picture(ern_context *context, const char *path, int channels) {
-  ern_image image = {0};
-  support_ok(context, ern_image_read(context, path, channels, &image));
-  assert_int_equal(image.width, side);
-  assert_int_equal(image.height, side);
-  return image;
-}
+enum { CALLS = 5 };
 
 static int difference(const uint8_t *a, const uint8_t *b) {
   int most = 0;
   for (int c = 0; c < 3; c++)
     if (abs(a[c] - b[c]) > most) most = abs(a[c] - b[c]);
   return most;
-}
-
-/* A clip without its layers, and what they are: its parsing/ is blue where the head is, white where nobody is. */
-static int make_truth(void **state) {
-  side = getenv("ERNERF_TEST_LONG") != NULL ? 256 : 128;
-  pixels = side * side;
-  made.context = support_context();
-  ern_synth_options options = ern_synth_options_default();
-  options.size = side;
-  options.frames = FRAMES;
-  options.seed = 3;
-  options.parsing = true;
-  support_ok(made.context, ern_synth_write(made.context, "clip", &options));
-  support_ok(made.context, ERN_NEW(made.context, FRAMES * (size_t)pixels, &made.person));
-  support_ok(made.context, ERN_NEW(made.context, FRAMES * (size_t)pixels, &made.head));
-  made.background = picture(made.context, "clip/bc.jpg", 3);
-  for (int f = 0; f < FRAMES; f++) {
-    ern_image parts = picture(made.context, name_of("clip", "parsing/%d.png", f), 3);
-    for (int k = 0; k < pixels; k++) {
-      const uint8_t *rgb = parts.data + 3 * k;
-      made.person[f * pixels + k] = rgb[0] == 0 || rgb[1] == 0;
-      made.head[f * pixels + k] = rgb[0] == 0 && rgb[2] == 255;
-    }
-    ern_image_free(made.context, &parts);
-    assert_int_equal(rename(name_of("clip", "gt_imgs/%d.jpg", f), name_of("clip", "ori_imgs/%d.jpg", f)), 0);
-  }
-  support_clear("clip/parsing");
-  *state = &made;
-  return 0;
-}
-
-static int free_truth(void **state) {
-  struct truth *t = *state;
-  ern_release(t->context, t->person);
-  ern_release(t->context, t->head);
-  ern_image_free(t->context, &t->background);
-  ern_context_free(&t->context);
-  return 0;
-}
-
-struct run {
-  ern_prepare_options options;
-  ern_prepare_verdict verdict;
-  struct ern_prepare_job job;
-  json_t *crop; /* the job's own from then on; NULL: none */
-};
-
-static ern_status run_layers(struct run *run, ern_context *context, size_t frames) {
-  run->verdict = (ern_prepare_verdict){.step = "layers"};
-  run->options.anew = true; /* files of a made-up clip, and of the run before */
-  run->job = (struct ern_prepare_job){.context = context,
-                                      .video = "made up",
-                                      .folder = "clip",
-                                      .options = &run->options,
-                                      .side = side,
-                                      .frames = frames,
-                                      .record = json_object(),
-                                      .verdict = &run->verdict,
-                                      .figures = json_object()};
-  if (run->crop != NULL) assert_int_equal(json_object_set_new(run->job.record, "crop", run->crop), 0);
-  const ern_status status = ern_prepare_layers(&run->job);
-  json_decref(run->job.record);
-  json_decref(run->job.figures);
-  return status;
 }
 
 static bool is_head(const uint8_t *c) { return c[0] == 0 && c[1] == 0 && c[2] == 255; }
@@ -173,19 +74,6 @@ static void test_truth(void **state) {
     ern_image_free(t->context, &torso);
   }
   ern_image_free(t->context, &background);
-}
-
-/* Masks of the truth, of the person or of the head alone, in `folder`. */
-static void write_masks(const struct truth *t, const char *folder, bool person) {
-  uint8_t *grey = calloc(1, (size_t)pixels);
-  const ern_image image = {.width = side, .height = side, .channels = 1, .data = grey};
-  assert_non_null(grey);
-  mkdir(folder, 0755);
-  for (int f = 0; f < FRAMES; f++) {
-    for (int k = 0; k < pixels; k++) grey[k] = (person ? t->person : t->head)[f * pixels + k] ? 255 : 0;
-    support_ok(t->context, ern_image_write(t->context, name_of(folder, "%d.png", f), &image, 100));
-  }
-  free(grey);
 }
 
 /* Masks without the torso: a person that has no shoulders, unless the head alone is asked for. */
@@ -358,153 +246,6 @@ static void test_background(void **state) {
   free(rgb);
 }
 
-/* Draws running text: letters are blocks, in rows from 7/8 of the picture on. */
-static void draw_banner(ern_image *image, int frame) {
-  for (int y = side * 7 / 8; y < side * 31 / 32; y++)
-    for (int x = 0; x < side; x++) {
-      const unsigned letter = (unsigned)((x + frame * side * 3 / 64) / 3) * 2654435761u + (unsigned)(y / 3) * 40503u;
-      memset(image->data + 3 * (y * side + x), (letter >> 13 & 1) != 0 ? 230 : 40, 3);
-    }
-}
-
-/* In the second half of the frames the camera has turned, by 8 pixels of 512. */
-static void move_camera(ern_image *image, int frame) {
-  const int by = 8 * side / 512;
-  for (int y = 0; y < side && frame >= FRAMES / 2; y++) {
-    uint8_t *row = image->data + 3 * y * side;
-    memmove(row + 3 * by, row, 3 * (size_t)(side - by));
-  }
-}
-
-/* Another place in each frame, of blocks in greys from 60 to 187. */
-static void change_place(ern_image *image, int frame) {
-  for (int y = 0; y < side; y++)
-    for (int x = 0; x < side; x++) {
-      unsigned block = (unsigned)(x / 8 + 64 * (y / 8) + 4096 * frame) * 2654435761u;
-      block = (block ^ block >> 15) * 2246822519u; /* else a frame is the one before it, shifted */
-      memset(image->data + 3 * (y * side + x), (int)(60 + (block >> 20) % 128), 3);
-    }
-}
-
-/* What the step says of frames that `change` has changed. */
-static void run_changed(const struct truth *t, struct run *run, void (*change)(ern_image *image, int frame)) {
-  uint8_t *kept[FRAMES];
-  size_t bytes[FRAMES];
-  for (int f = 0; f < FRAMES; f++) {
-    const char *path = name_of("clip", "ori_imgs/%d.jpg", f);
-    ern_image image = picture(t->context, path, 3);
-    support_ok(t->context, ern_file_read(t->context, path, 1 << 20, &kept[f], &bytes[f]));
-    change(&image, f);
-    support_ok(t->context, ern_image_write(t->context, path, &image, 95));
-    ern_image_free(t->context, &image);
-  }
-  support_ok(t->context, run_layers(run, t->context, FRAMES));
-  for (int f = 0; f < FRAMES; f++) {
-    support_write(name_of("clip", "ori_imgs/%d.jpg", f), kept[f], bytes[f]);
-    ern_release(t->context, kept[f]);
-  }
-}
-
-/* How far a camera moves is told in pixels of 512, as its bound is, whatever the clip's side. */
-static void test_camera(void **state) {
-  struct truth *t = *state;
-  struct run run = {.options = ern_prepare_options_default()};
-  double shift = 0;
-  run.options.masks = "person"; /* known, as they would take most of the time */
-  write_masks(t, "person", true);
-  run_changed(t, &run, move_camera);
-  assert_int_equal(run.verdict.grade, ERN_PREPARE_DOUBTFUL);
-  const char *told = strstr(run.verdict.words, "what is behind the person shifts by ");
-  if (told == NULL || sscanf(told, "what is behind the person shifts by %lf pixels of 512", &shift) != 1)
-    fail_msg("%s", run.verdict.words);
-  if (!(fabs(shift - 8) < 1)) fail_msg("%s", run.verdict.words); /* a quarter of a pixel of 128 */
-}
-
-/* A wall out of focus in place of the background, `by` pixels further right, with another noise in each frame: its
- * corners are of the noise alone. */
-static void draw_wall(ern_image *image, const uint8_t *person, int by, int frame) {
-  unsigned noise = (unsigned)frame + 1;
-  for (int y = 0; y < side; y++)
-    for (int x = 0; x < side; x++) {
-      noise = noise * 1664525u + 1013904223u;
-      const double u = 12.0 * (x - by) / side, v = 9.0 * y / side;
-      uint8_t *to = image->data + 3 * (y * side + x);
-      if (person[y * side + x] == 0) memset(to, (int)(110 + 20 * sin(u) + 15 * cos(v) + noise / 0x1p28), 3);
-    }
-}
-
-/* Hair that the masks lack: strands from `near` to `far` pixels left of the person's ear, which move with the head. */
-static void draw_hair(ern_image *image, const uint8_t *person, int near, int far) {
-  int least = 0;
-  while (least < side && person[side * side / 4 + least] == 0) least++;
-  for (int y = 0; y < side / 2; y++)
-    for (int k = near; k < far && k <= least; k++) {
-      const unsigned strand = (unsigned)(k / 2 * 31 + y / 3) * 2654435761u >> 24;
-      memset(image->data + 3 * (y * side + least - k), 60 + (int)strand % 128, 3);
-    }
-}
-
-/* The hair moves by up to 14 pixels of 128, the camera not. */
-static void wall_and_hair(ern_image *image, int frame) {
-  const int by = 7 + (int)lround(7 * sin(frame));
-  draw_wall(image, made.person + frame * pixels, 0, frame);
-  draw_hair(image, made.person + frame * pixels, 6 + by, 18 + by);
-}
-
-static void wall_by_hand(ern_image *image, int frame) {
-  draw_wall(image, made.person + frame * pixels, (int)lround(6 * sin(frame)), frame);
-}
-
-/* Before a wall without corners, the camera that moves is told from hair that does. */
-static void test_blurred_place(void **state) {
-  struct truth *t = *state;
-  struct run run = {.options = ern_prepare_options_default()};
-  run.options.masks = "person";
-  write_masks(t, "person", true);
-  run_changed(t, &run, wall_and_hair);
-  if (strstr(run.verdict.words, "the camera moves") != NULL) fail_msg("hair: %s", run.verdict.words);
-  run_changed(t, &run, wall_by_hand);
-  if (strstr(run.verdict.words, "the camera moves") == NULL) fail_msg("by hand: %s", run.verdict.words);
-}
-
-/* A background that is another one in each frame does not pass for noise. */
-static void test_changing_place(void **state) {
-  struct truth *t = *state;
-  struct run run = {.options = ern_prepare_options_default()};
-  run.options.masks = "person";
-  run.options.head_only = true;
-  write_masks(t, "person", true);
-  run_changed(t, &run, change_place);
-  assert_int_equal(run.verdict.grade, ERN_PREPARE_DOUBTFUL);
-  if (strstr(run.verdict.words, "the background changes: ") == NULL) fail_msg("%s", run.verdict.words);
-}
-
-/* The light, from 0.75 to all of it. */
-static void change_light(ern_image *image, int frame) {
-  const double light = 0.75 + 0.25 * frame / (FRAMES - 1);
-  for (int i = 0; i < 3 * pixels; i++) image->data[i] = (uint8_t)lround(light * image->data[i]);
-}
-
-/* Light that changes is no camera that moves. */
-static void test_light(void **state) {
-  struct truth *t = *state;
-  struct run run = {.options = ern_prepare_options_default()};
-  run.options.masks = "person";
-  run.options.head_only = true;
-  write_masks(t, "person", true);
-  run_changed(t, &run, change_light);
-  if (strstr(run.verdict.words, "camera") != NULL) fail_msg("%s", run.verdict.words);
-}
-
-/* Text that runs through the picture is named, and where it does so. */
-static void test_banner_long(void **state) {
-  struct run run = {.options = ern_prepare_options_default()};
-  run_changed(*state, &run, draw_banner);
-  assert_int_equal(run.verdict.grade, ERN_PREPARE_DOUBTFUL);
-  if (strstr(run.verdict.words, "a banner moves through the picture without pause, at 88 to 97 %") == NULL)
-    fail_msg("%s", run.verdict.words);
-}
-
 static int stop(void *user, const char *step, size_t done, size_t total) {
   assert_string_equal(step, "layers");
   assert_true(done <= total);
@@ -586,12 +327,10 @@ static void test_nothing_long(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_truth),       cmocka_unit_test(test_no_shoulders_long),
-                                     cmocka_unit_test(test_supplied),    cmocka_unit_test(test_leaning),
-                                     cmocka_unit_test(test_background),  cmocka_unit_test(test_camera),
-                                     cmocka_unit_test(test_banner_long), cmocka_unit_test(test_changing_place),
-                                     cmocka_unit_test(test_light),       cmocka_unit_test(test_blurred_place),
-                                     cmocka_unit_test(test_cancel),      cmocka_unit_test(test_cluttered_long),
-                                     cmocka_unit_test(test_key_long),    cmocka_unit_test(test_nothing_long)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_truth),          cmocka_unit_test(test_no_shoulders_long),
+                                     cmocka_unit_test(test_supplied),       cmocka_unit_test(test_leaning),
+                                     cmocka_unit_test(test_background),     cmocka_unit_test(test_cancel),
+                                     cmocka_unit_test(test_cluttered_long), cmocka_unit_test(test_key_long),
+                                     cmocka_unit_test(test_nothing_long)};
   return cmocka_run_group_tests(tests, make_truth, free_truth);
 }

@@ -26,7 +26,7 @@ judge() {
   local name=$1 words=$2 status=0 said
   shift 2
   rm -rf clip
-  said=$("$ernerf" prepare "$name" -o clip --size 192 "$@" 2>&1) || status=$?
+  said=$("$ernerf" prepare "$name" -o clip --size 256 "$@" 2>&1) || status=$?
   local doubts
   doubts=$(grep -E "doubtful|refused|warning|error" <<<"$said" | grep -vE "the part is [0-9.]+ s long; to learn" || true)
   if [ "$words" = good ]; then
@@ -85,6 +85,8 @@ filtered banner.mp4 "a banner moves" \
 strip="noise=alls=100:allf=t,gblur=1"
 filtered street.mp4 "the background changes" \
   "split=3[a][b][c];[b]crop=50:150:0:0,$strip[l];[c]crop=50:150:206:0,$strip[r];[a][l]overlay=0:0[d];[d][r]overlay=206:0"
+filtered inset.mp4 "a part of the background changes" "split[a][b];[b]crop=36:36:0:0,$strip[c];[a][c]overlay=0:0"
+filtered lamp.mp4 "the light changes" "eq=brightness='0.1*sin(1.2*t)':eval=frame"
 ff -i good.mp4 -vf "tinterlace=interleave_top,setfield=tff" -flags +ilme+ildct "${coded[@]}" tape.mp4
 judge tape.mp4 "is interlaced" --only face
 head -c "$(($(stat -c %s good.mp4) * 6 / 10))" good.mp4 >cut_off.mp4

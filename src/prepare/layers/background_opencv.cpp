@@ -12,6 +12,8 @@ constexpr float NOISE_LEAST = 4, NOISE_MOST = 25; /* grey values, of video after
  * less. */
 constexpr float NOISE_STILL = 6;
 
+constexpr double LEAST_CHANGE = 5; /* standard deviation of a background, grey values, whose contrast can be told */
+
 /* The mask of an example's visible background, at the clip's side. */
 cv::Mat free_of(const ern_person_model &model, const ern_person_example &example) {
   cv::Mat whole;
@@ -123,7 +125,8 @@ double difference(const cv::Vec3b &a, const cv::Vec3b &b) {
 void measure(const ern_person_model &model, const cv::Mat &noise, const cv::Mat &supplied, ern_person_found *found) {
   const int n = model.side;
   double sum = 0;
-  size_t seen = 0, outside = 0, unlike = 0, behind = 0;
+  size_t seen = 0, outside = 0, unlike = 0, unlike_lit = 0, behind = 0;
+  std::vector<double> lights;
   for (int y = 0; y < n; y++)
     for (int x = 0; x < n; x++) {
       if (model.seen.at<uchar>(y, x) == 0) {
@@ -135,20 +138,49 @@ void measure(const ern_person_model &model, const cv::Mat &noise, const cv::Mat 
     }
   for (const ern_person_example &example : model.examples) {
     const cv::Mat place = free_of(model, example);
+    const cv::Mat lit = ern_person_place_lit(model.background, example.frame, place);
+    const cv::Scalar before = cv::mean(model.background, place), now = cv::mean(example.frame, place);
+    lights.push_back(std::abs(now[0] + now[1] + now[2] - before[0] - before[1] - before[2]) / 3);
     for (int y = 0; y < n; y += 2)
       for (int x = 0; x < n; x += 2) {
         if (place.at<uchar>(y, x) == 0) continue;
+        const cv::Vec3b &own = example.frame.at<cv::Vec3b>(y, x);
+        const double most = 20 + 4 * double(std::min(noise.at<float>(y, x), NOISE_STILL));
         outside++;
-        unlike += difference(model.background.at<cv::Vec3b>(y, x), example.frame.at<cv::Vec3b>(y, x)) >
-                  20 + 4 * double(std::min(noise.at<float>(y, x), NOISE_STILL));
+        unlike += difference(model.background.at<cv::Vec3b>(y, x), own) > most;
+        unlike_lit += cv::norm(lit.at<cv::Vec3f>(y, x) - cv::Vec3f(own)) > most;
       }
   }
+  std::sort(lights.begin(), lights.end());
+  found->light = lights[lights.size() * 9 / 10];
+  found->unlike_lit = outside > 0 ? double(unlike_lit) / double(outside) : 0;
   found->never_seen = double(behind) / (double(n) * n);
   found->unlike = outside > 0 ? double(unlike) / double(outside) : 0;
   found->supplied_difference = seen > 0 ? sum / (std::sqrt(3.0) * double(seen)) : 0;
 }
 
 }  // namespace
+
+cv::Mat ern_person_place_lit(const cv::Mat &background, const cv::Mat &frame, const cv::Mat &place) {
+  std::vector<cv::Mat> from, to;
+  cv::Mat lit;
+  cv::split(background, from);
+  cv::split(frame, to);
+  for (int i = 0; i < 3; i++) {
+    cv::Mat a, b;
+    cv::Scalar mean_a, mean_b, sigma;
+    from[size_t(i)].convertTo(a, CV_32F);
+    to[size_t(i)].convertTo(b, CV_32F);
+    cv::meanStdDev(a, mean_a, sigma, place);
+    mean_b = cv::mean(b, place);
+    const cv::Mat da = a - mean_a, db = b - mean_b;
+    const double spread = sigma[0] * sigma[0];
+    const double gain = sigma[0] < LEAST_CHANGE ? 1 : cv::mean(da.mul(db), place)[0] / spread;
+    from[size_t(i)] = da * gain + mean_b;
+  }
+  cv::merge(from, lit);
+  return lit;
+}
 
 void ern_person_background(ern_person_model *model, const uint8_t *background, bool key, ern_person_found *found) {
   const int n = model->side;

@@ -46,6 +46,10 @@ struct ern_person_found {
   double shift;      /* pixels of the clip: how far the background moves between the examples, 90th percentile */
   double shifted;    /* share of the examples in which the background certainly moves */
   double unlike;     /* share of pixels outside the person that differ from the background beyond noise */
+  double unlike_lit; /* the same, where the background has each frame's light */
+  double light;      /* grey values: how far the place's mean is from the background's, 90th percentile */
+  double inset;      /* share of the picture: the largest part of the place that changes and is away from the person */
+  double inset_edges[4];      /* its left, right, upper and lower edge, shares of the picture */
   double supplied_difference; /* grey values: root mean square, over the colours, of the difference between the supplied
                                  background and the learnt one, averaged over pixels; 0 where none was supplied */
 };
@@ -64,6 +68,11 @@ ERN_NODISCARD ern_status ern_person_mask(struct ern_person_model *model, const u
 ERN_NODISCARD ern_status ern_person_temporal_mean(struct ern_person_model *model, const uint8_t *const *masks,
                                                   const struct ern_layer_face *const *faces, size_t count, size_t which,
                                                   uint8_t *voted);
+/* Adds a frame, with its mask voted[work][work], to what ern_person_inset_find looks at: it sets found->inset and
+ * inset_edges. */
+ERN_NODISCARD ern_status ern_person_inset_add(struct ern_person_model *model, const uint8_t *rgb,
+                                              const struct ern_layer_face *face, const uint8_t *voted);
+ERN_NODISCARD ern_status ern_person_inset_find(const struct ern_person_model *model, struct ern_person_found *found);
 /* Refines the mask at the clip's resolution: alpha[side][side] 0..255, and the background behind the person,
  * behind[side][side][3]. Adds the colour distances along the person's border to the histogram border[16], bins 16 wide.
  */

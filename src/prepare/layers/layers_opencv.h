@@ -53,6 +53,9 @@ struct ern_person_model {
   cv::Mat body_home;
   std::vector<cv::Point2f> body_points;
   cv::Mat last; /* mask of the previous frame */
+  /* of ern_person_inset_add, CV_32F [work][work]: frames that show a pixel of the place; those of them that differ */
+  cv::Mat inset_visible, inset_unlike;
+  int inset_frames;
   ern_layer_face last_face;
 };
 
@@ -91,6 +94,9 @@ void ern_person_motion_learn(ern_person_model *model);
 cv::Mat ern_person_motion_odds(const ern_person_model &model, const cv::Mat &small, const ern_layer_face &face);
 /* Measures how far the background moves between the examples. */
 void ern_person_place_moves(const ern_person_model &model, ern_person_found *found);
+/* The background, CV_32FC3, in a frame's light: of each channel gain and offset are those that fit best, by least
+ * squares, where place is not 0. */
+cv::Mat ern_person_place_lit(const cv::Mat &background, const cv::Mat &frame, const cv::Mat &place);
 /* The points of a closed polygon, scaled by `scale` about their centre. */
 std::vector<cv::Point> ern_layer_polygon(const float (*points)[2], int count, double scale);
 

@@ -21,6 +21,8 @@ static const double shoulders_below = 0.15, half_shoulders = 0.11;
 /* The person's share of the picture, or square metres, relative to the median over the frames. Of seven people the
  * share was 0.9 to 1.2. */
 static const float least_area = 0.5F, most_area = 1.5F;
+/* Share of the picture. */
+static const double most_inset = 0.004;
 
 struct voter { /* a frame with a mask, which waits for the masks of its neighbours */
   size_t frame;
@@ -244,6 +246,7 @@ static ern_status finish(struct layers *l, size_t frame, size_t last) {
   }
   const uint8_t *rgb = own->image.data, *background = ern_person_model_background(l->model);
   ERN_TRY(ern_person_temporal_mean(l->model, masks, faces, count, which, l->voted));
+  ERN_TRY(ern_person_inset_add(l->model, rgb, &l->faces[frame], l->voted));
   ERN_TRY(ern_person_matte(l->model, rgb, l->voted, l->alpha, l->behind, l->border));
   if (own->has_parts) {
     memcpy(l->parts, own->parts, (size_t)job->side * (size_t)job->side);
@@ -298,11 +301,27 @@ static void check_place(struct ern_prepare_job *job, const struct ern_person_fou
         "the camera moves: what is behind the person shifts by %.1f pixels of 512, expected a camera that "
         "stands still (1.5 at most); footage from a tripod helps, or a stretch of it (--from, --to)",
         shift);
+  else if (found->unlike > 0.15 && found->unlike_lit < found->unlike / 4)
+    ern_prepare_add_reason(
+        job, ERN_PREPARE_DOUBTFUL,
+        "the light changes: in a tenth of the frames what is behind the person is %.0f grey values or more brighter or "
+        "darker than in most, and %.0f %% of it differs from frame to frame for that, expected 15 %% at most; a camera "
+        "with fixed exposure helps, or a stretch of even light (--from, --to)",
+        found->light, 100 * found->unlike);
   else if (found->unlike > 0.15)
     ern_prepare_add_reason(job, ERN_PREPARE_DOUBTFUL,
                            "the background changes: %.0f %% of it differs from frame to frame, expected 15 %% at most; "
                            "--masks helps, or a stretch where it stands still (--from, --to)",
                            100 * found->unlike);
+  else if (found->inset > most_inset && job->options->background == NULL)
+    ern_prepare_add_reason(job, ERN_PREPARE_DOUBTFUL,
+                           "a part of the background changes, at %.0f to %.0f %% of the picture's width and %.0f to "
+                           "%.0f %% of its height, "
+                           "as an inset picture, a screen or a logo that moves does, and stands still in the portrait; "
+                           "a video with it cut "
+                           "off helps, or --background with a picture of the place without it",
+                           100 * found->inset_edges[0], 100 * found->inset_edges[1], 100 * found->inset_edges[2],
+                           100 * found->inset_edges[3]);
   if (found->supplied_difference > 23)
     ern_prepare_add_reason(
         job, ERN_PREPARE_DOUBTFUL,
@@ -379,6 +398,9 @@ static void check_person(struct ern_prepare_job *job, const struct ern_person_fo
   ern_prepare_figure(job, "area_tremble", tremble);
   ern_prepare_figure(job, "background_never_seen", found->never_seen);
   ern_prepare_figure(job, "background_unlike", found->unlike);
+  ern_prepare_figure(job, "background_unlike_lit", found->unlike_lit);
+  ern_prepare_figure(job, "background_light", found->light);
+  ern_prepare_figure(job, "background_inset", found->inset);
   ern_prepare_figure(job, "background_shift", found->shift);
   ern_prepare_figure(job, "background_shift_told", found->shifted);
   ern_prepare_figure(job, "border_faint", faint);
@@ -412,6 +434,7 @@ ern_status ern_prepare_layers(struct ern_prepare_job *job) {
   ERN_TRY(open_layers(&l, job));
   ERN_TRY(learn(&l, total));
   ERN_TRY(cut_out(&l, examples, total));
+  ERN_TRY(ern_person_inset_find(l.model, &l.found));
   if (!job->options->head_only)
     ERN_TRY(ern_prepare_body_motion(job, l.faces, ern_person_model_background(l.model), examples + job->frames, total));
   memcpy(l.rgba, ern_person_model_background(l.model), 3 * (size_t)job->side * (size_t)job->side);
