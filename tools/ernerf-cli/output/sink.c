@@ -145,15 +145,20 @@ static bool lock_range(int file, size_t number, size_t count) {
 /* Locks the pictures that are written: a second process with --overwrite would mix its own into them. All ranges have
  * one file, NAMEall.png.claim.ernerf-tmp. Where that name is too long there is no lock. */
 static int claim(struct sink *sink, struct session *session, const struct frame_source *frame_source) {
-  char name[PATH_BYTES + 32];
+  char name[PATH_BYTES + 32], first[PATH_BYTES];
   struct stat opened, named;
+  const size_t number = frame_source->source_frame[0].number;
   const char *percent = strchr(sink->path, '%'), *rest = strchr(percent, 'd') + 1;
   snprintf(name, sizeof name, "%.*sall%s.claim.ernerf-tmp", (int)(percent - sink->path), sink->path, rest);
   for (;;) {
     sink->claim = open(name, O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW, 0666);
     if (sink->claim < 0 && errno == ENAMETOOLONG) return 0;
-    if (sink->claim < 0) return session_fail_with(session, "%s: cannot write: %s", name, strerror(errno));
-    const bool locked = lock_range(sink->claim, frame_source->source_frame[0].number, frame_source->count);
+    if (sink->claim < 0) {
+      const int error = errno;
+      (void)numbered_path(sink, number, first);
+      return session_fail_with(session, "%s: cannot write: %s", first, strerror(error));
+    }
+    const bool locked = lock_range(sink->claim, number, frame_source->count);
     /* a process that held a lock may have removed the file in between */
     if (locked && fstat(sink->claim, &opened) == 0 && lstat(name, &named) == 0 && opened.st_ino == named.st_ino) break;
     (void)close(sink->claim);
