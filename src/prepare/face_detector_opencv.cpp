@@ -95,6 +95,15 @@ void find_eyes(struct ern_face_detector *d, const cv::Mat &grey, const cv::Rect 
   }
 }
 
+/* Mean square of what a picture loses by means over by x by pixels, and interpolation between them. */
+double lost_energy(const cv::Mat &grey, int by) {
+  cv::Mat means, back;
+  cv::resize(grey, means, cv::Size(std::max(grey.cols / by, 1), std::max(grey.rows / by, 1)), 0, 0, cv::INTER_AREA);
+  cv::resize(means, back, grey.size(), 0, 0, cv::INTER_CUBIC);
+  const double norm = cv::norm(grey, back, cv::NORM_L2);
+  return norm * norm / double(grey.total());
+}
+
 }  // namespace
 
 extern "C" ern_status ern_face_detector_make(ern_context *context, const char *network,
@@ -153,6 +162,27 @@ extern "C" ern_status ern_face_detector_find(struct ern_face_detector *detector,
       face->height = static_cast<float>(r.height / scale.y);
       find_eyes(detector, grey, r, scale, face);
     }
+    return ERN_OK;
+  });
+}
+
+extern "C" ern_status ern_face_sharpness(ern_context *context, const ern_image *picture, struct ern_found_face *face) {
+  constexpr int most = 200, least = 48, coarse = 8; /* pixels of the face's side, of the coarser means */
+  face->sharpness = 0;
+  return guarded(context, [&] {
+    const cv::Mat whole(picture->height, picture->width, CV_8UC3, picture->data);
+    const cv::Rect inside = cv::Rect(cvRound(face->x), cvRound(face->y), cvRound(face->width), cvRound(face->height)) &
+                            cv::Rect(0, 0, whole.cols, whole.rows);
+    if (std::min(inside.width, inside.height) < least) return ERN_OK;
+    cv::Mat grey;
+    cv::cvtColor(whole(inside), grey, cv::COLOR_RGB2GRAY);
+    grey.convertTo(grey, CV_32F);
+    const double shrunk = std::min(1.0, double(most) / grey.cols);
+    cv::resize(grey, grey,
+               cv::Size(cvRound(grey.cols * shrunk) / coarse * coarse, cvRound(grey.rows * shrunk) / coarse * coarse),
+               0, 0, cv::INTER_AREA);
+    const double lost = lost_energy(grey, coarse);
+    if (lost > 0) face->sharpness = float(lost_energy(grey, coarse / 2) / lost);
     return ERN_OK;
   });
 }

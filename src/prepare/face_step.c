@@ -21,6 +21,9 @@
 /* seconds by which the video may end before --to without a warning, as times are rounded */
 #define PART_SHORTER 0.5
 
+/* ern_face_sharpness of a soft face: docs/prepare.md, "Face" */
+#define LEAST_SHARPNESS 0.15
+
 /* seconds from a frame to the picture that it shows, from which on it is a repetition; 0.05 at most at 10 a second */
 #define HELD 0.06
 
@@ -158,6 +161,7 @@ static ern_status look(struct scan *s, const ern_image *image) {
     face = *choose(s, found, count);
     s->found++;
     watch(s, image, &face);
+    ERN_TRY(ern_face_sharpness(s->job->context, image, &face));
     size_t others = 0; /* with eyes: a detection without eyes is often no face */
     for (size_t i = 0; i < count; i++) others += found[i].has_eyes && found[i].width > 0.5f * face.width;
     s->with_others += others > 1;
@@ -244,6 +248,33 @@ static ern_status drop_outliers(struct scan *s, double *width) {
   *width = (double)middle[0];
 fail:
   ern_release(s->job->context, values);
+  return status;
+}
+
+/* The median over the faces; 0: not known. */
+static ern_status sharpness_of(const struct scan *s, double *sharpness) {
+  float *values = NULL;
+  size_t n = 0;
+  const ern_status status = ERN_NEW(s->job->context, s->looks, &values);
+  if (status != ERN_OK) return status;
+  for (size_t i = 0; i < s->looks; i++)
+    if (s->faces[i].width > 0) values[n++] = s->faces[i].sharpness;
+  *sharpness = n > 0 ? (double)ern_quantile(values, n, 0.5) : 0;
+  ern_release(s->job->context, values);
+  return ERN_OK;
+}
+
+static ern_status check_sharpness(const struct scan *s) {
+  double sharpness = 0;
+  const ern_status status = sharpness_of(s, &sharpness);
+  ern_prepare_figure(s->job, "face_sharpness", sharpness);
+  if (status == ERN_OK && sharpness > 0 && sharpness < LEAST_SHARPNESS)
+    ern_prepare_add_reason(
+        s->job, ERN_PREPARE_DOUBTFUL,
+        "the face is soft, as one that is out of focus or was enlarged: its fine details have %.2f of "
+        "the energy of its coarse ones, expected %.2f; the portrait becomes as soft, and a sharper "
+        "recording helps",
+        sharpness, LEAST_SHARPNESS);
   return status;
 }
 
@@ -498,6 +529,7 @@ ern_status ern_prepare_face(struct ern_prepare_job *job) {
   ERN_TRY(drop_outliers(&scan, &face));
   place_crop(&scan, face, region);
   check_crop(&scan, face, region);
+  ERN_TRY(check_sharpness(&scan));
   ERN_TRY(begin_frames(&scan));
   ERN_TRY(write_frames(&scan, region));
   job->frames = scan.frames;

@@ -65,6 +65,7 @@ struct ern_found_face {
   float x, y, width, height;
   bool has_eyes;
   float eyes[2][2]; /* centres x, y; the left one in the picture first */
+  float sharpness;  /* ern_face_sharpness; 0: not measured. Not in the file */
 };
 
 /* Whether the folder's path still names the folder that the record was opened in. */

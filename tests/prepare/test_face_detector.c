@@ -170,9 +170,33 @@ static void test_crop(void **state) {
   ern_image_free(context, &crop);
 }
 
+/* Of waves in both directions, of `shortest` to 48 pixels, of one amplitude. */
+static double sharpness_of(double shortest, int width) {
+  static uint8_t rgb[3 * SIDE * SIDE];
+  const ern_image picture = {.width = SIDE, .height = SIDE, .channels = 3, .data = rgb};
+  struct ern_found_face face = {.x = 2, .y = -5, .width = (float)width, .height = (float)width};
+  for (int y = 0; y < SIDE; y++)
+    for (int x = 0; x < SIDE; x++) {
+      double value = 128;
+      for (double length = shortest; length < 48; length *= 1.4)
+        value += 8 * (sin(6.2832 * x / length + length) + cos(6.2832 * y / length));
+      memset(rgb + 3 * (y * SIDE + x), (int)fmin(fmax(value, 0), 255), 3);
+    }
+  support_ok(context, ern_face_sharpness(context, &picture, &face));
+  return (double)face.sharpness;
+}
+
+static void test_sharpness(void **state) {
+  (void)state;
+  const double sharp = sharpness_of(5, 180), soft = sharpness_of(24, 180), beyond = sharpness_of(5, 4 * SIDE);
+  if (!(sharp > 0.2 && sharp < 1 && beyond > 0.2 && beyond < 1)) fail_msg("sharp %g, beyond %g", sharp, beyond);
+  if (!(soft > 0 && soft < 0.15)) fail_msg("soft %g, sharp %g", soft, sharp);
+  assert_true(sharpness_of(5, 47) == 0); /* too small to tell */
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_found), cmocka_unit_test(test_small),
-                                     cmocka_unit_test(test_none), cmocka_unit_test(test_cascades),
-                                     cmocka_unit_test(test_crop)};
+                                     cmocka_unit_test(test_none),  cmocka_unit_test(test_cascades),
+                                     cmocka_unit_test(test_crop),  cmocka_unit_test(test_sharpness)};
   return cmocka_run_group_tests(tests, make, unmake);
 }

@@ -148,7 +148,7 @@ static void test_poses_judged(void **state) {
       const double *at = own[2 * i].translation;
       const float x = (float)(0.5 * SIDE + m.job.focal * at[0] / 0.7),
                   y = (float)(0.5 * SIDE - m.job.focal * at[1] / 0.7);
-      faces[i] = (struct ern_found_face){2 * i, x - wide / 2, y - wide / 2, wide, wide, false, {{0}}};
+      faces[i] = (struct ern_found_face){2 * i, x - wide / 2, y - wide / 2, wide, wide, false, {{0}}, 0};
     }
     for (int i = 0; i < ALL; i++) {
       brought[i] = own[ways[w].still ? 0 : (i + ways[w].shift) % ALL];

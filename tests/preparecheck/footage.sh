@@ -87,6 +87,7 @@ filtered street.mp4 "the background changes" \
   "split=3[a][b][c];[b]crop=50:150:0:0,$strip[l];[c]crop=50:150:206:0,$strip[r];[a][l]overlay=0:0[d];[d][r]overlay=206:0"
 filtered inset.mp4 "a part of the background changes" "split[a][b];[b]crop=36:36:0:0,$strip[c];[a][c]overlay=0:0"
 filtered lamp.mp4 "the light changes" "eq=brightness='0.1*sin(1.2*t)':eval=frame"
+faced soft.mp4 "the face is soft" "scale=64:64,scale=256:256"
 ff -i good.mp4 -vf "tinterlace=interleave_top,setfield=tff" -flags +ilme+ildct "${coded[@]}" tape.mp4
 judge tape.mp4 "is interlaced" --only face
 head -c "$(($(stat -c %s good.mp4) * 6 / 10))" good.mp4 >cut_off.mp4
