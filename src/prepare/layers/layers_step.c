@@ -295,7 +295,7 @@ fail:
 
 static void check_place(struct ern_prepare_job *job, const struct ern_person_found *found) {
   const double shift = found->shift * 512 / job->side;
-  if (found->shifted >= 0.25 && shift > 1.5)
+  if (found->shifted >= 0.3 && shift > 1.5)
     ern_prepare_add_reason(
         job, shift > 12 ? ERN_PREPARE_REFUSED : ERN_PREPARE_DOUBTFUL,
         "the camera moves: what is behind the person shifts by %.1f pixels of 512, expected a camera that "
