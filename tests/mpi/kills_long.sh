@@ -10,7 +10,11 @@ RANDOM=26
 options="--iters 400 --rays 256 --levels 6 --save-every 5 --validate-every 0 --validate-frames 1 --quiet --set refine-poses=yes --set frames-per-step=2"
 on 0 -o whole.safetensors $options --set step-parts=4
 stamp() { stat -c %Y.%i killed.run/state.safetensors 2> /dev/null || true; }
-step() { "$ernerf" info killed.run/state.safetensors | sed -n 's/.*head \([0-9]*\), torso.*/\1/p'; }
+step() { # of the newest whole state: a kill between two renames leaves it as state.next
+  local state=killed.run/state.safetensors
+  [ -e $state ] || state=killed.run/state.next.safetensors
+  "$ernerf" info $state | sed -n 's/.*head \([0-9]*\), torso.*/\1/p'
+}
 has_saved() { [ "$(stamp)" != "$before" ] || ! kill -0 $training 2> /dev/null; }
 killed=0 done=0 last=0 resume=
 while [ $killed -lt $kills ]; do
