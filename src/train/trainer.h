@@ -21,6 +21,7 @@ struct ern_trainer {
   struct ern_trainer_batches batches;
   struct ern_trainer_parts parts; /* of a step */
   struct ern_trainer_occupancy occupancy;
+  bool between; /* a step has changed the occupancy grid and is not complete: a resume would change it again */
   struct ern_trainer_state state;
   struct ern_run_folder torso_run; /* of config.torso_output: only locked */
 };

@@ -147,10 +147,12 @@ static ern_status make_up(ern_trainer *t, const ern_train_hooks *hooks) {
   return status;
 }
 
-/* The loss of a device loses only the steps since the last save: adds that to the error. */
+/* The loss of a device, or of a process during a step that had changed the occupancy grid, loses only the steps since
+ * the last save: adds that to the error. */
 static ern_status stopped(const ern_trainer *t, ern_status status) {
   char cause[1800]; /* room is left for the rest of an error text of 2048 */
-  if (status != ERN_E_DEVICE || t->state.output == NULL) return status;
+  const bool loses = status == ERN_E_DEVICE || (status == ERN_E_IO && t->between);
+  if (!loses || t->state.output == NULL) return status;
   (void)ern_last_error_copy(t->shared.context, cause, sizeof cause);
   if (t->state.saved == 0)
     return ern_fail(t->shared.context, status,
@@ -195,8 +197,9 @@ ern_status ern_trainer_run_sized(ern_trainer *t, const ern_train_hooks *hooks, s
   while (t->shared.step < t->shared.config.iters) {
     ern_train_report report;
     status = ern_trainer_take_step(t, &report);
-    const bool keep =
-        t->state.output != NULL && t->shared.step > t->state.saved && status != ERN_E_NO_MEMORY; /* may be mid-update */
+    const bool keep = t->state.output != NULL && t->shared.step > t->state.saved &&
+                      status != ERN_E_NO_MEMORY && /* may be mid-update */
+                      !t->between;
     if (status != ERN_OK) return stopped(t, keep ? save_after(t, status) : status);
     /* not in the fine stage: patches differ too much from step to step */
     if (t->shared.config.rays >= 64 && !ern_trainer_is_fine(&t->fine) && ern_divergence_step(&divergence, report.psnr))

@@ -143,9 +143,10 @@ static ern_status check_finite(ern_trainer *t, const struct ern_step_sum *sum) {
 /* Refreshes or prunes the grid where that is due. */
 static ern_status occupancy(ern_trainer *t) {
   struct ern_trainer_occupancy *o = &t->occupancy;
-  if (o->pruned) return ERN_OK;
-  if (ern_trainer_prune_due(&t->fine)) return ern_trainer_prune(o, t->poses);
-  return t->shared.step % ern_trainer_refresh_every(&t->shared) == 0 ? ern_trainer_refresh(o) : ERN_OK;
+  const bool prune = ern_trainer_prune_due(&t->fine);
+  if (o->pruned || (!prune && t->shared.step % ern_trainer_refresh_every(&t->shared) != 0)) return ERN_OK;
+  t->between = true;
+  return prune ? ern_trainer_prune(o, t->poses) : ern_trainer_refresh(o);
 }
 
 /* Gradient and results of some batches. */
@@ -211,6 +212,7 @@ ern_status ern_trainer_take_step(ern_trainer *t, ern_train_report *report) {
   for (size_t k = 0; ern_trainer_poses_due(t->poses) && k < frames; k++)
     ern_trainer_poses_step(t->poses, ern_trainer_step_frame(&t->batches, k), sum.dpose[k]);
   t->shared.step++;
+  t->between = false;
   if (t->shared.step % t->shared.config.ema_every == 0) ERN_TRY(ern_trainer_average(&t->values));
   for (int i = 0; i < ERN_LOSS_TERMS; i++) report->loss += sum.terms[i];
   count_seconds(t, &sum, ern_trainer_clock() - began);

@@ -300,6 +300,41 @@ static void test_dies(void **state) {
   made_close(&data);
 }
 
+/* Alone in a group of two; the other dies after so many sums. */
+static ern_status dead_later(void *user, float *values, size_t count, double *figures, size_t figure_count,
+                             char *words) {
+  int *left = user;
+  return (*left)-- > 0 ? ERN_OK : dead(NULL, values, count, figures, figure_count, words);
+}
+
+/* In step 5, whose occupancy grid is refreshed before the sum or not: with a refresh the state of step 4 has that of
+ * step 5, which a resume would repeat. */
+static void test_dies_after_refresh(void **state) {
+  (void)state;
+  for (size_t refresh = 2; refresh <= 3; refresh++) {
+    struct made data;
+    ern_train_state about;
+    ern_model_info model;
+    int sums = 1;
+    made_open(&data);
+    clear_run("refreshed");
+    ern_train_config config = small_config(3, "refreshed.safetensors");
+    config.step_parts = 2;
+    config.refresh_every = refresh;
+    support_ok(data.context, train(&data, &config, NULL));
+    ern_communicator together = {
+        .user = &sums, .rank = 0, .size = 2, .sum = dead_later, .gather = none, .broadcast = nothing};
+    config.communicator = &together;
+    config.resume = true;
+    config.iters = 6;
+    support_expect(data.context, train(&data, &config, NULL), ERN_E_IO, "step 4: rank 1 has died",
+                   refresh == 2 ? "the state of step 3 is whole" : "step 4 is saved", NULL);
+    support_ok(data.context, ern_train_state_describe(data.context, "refreshed.safetensors", &about, &model));
+    assert_int_equal(about.step, refresh == 2 ? 3 : 4);
+    made_close(&data);
+  }
+}
+
 static ern_status of_another(void *user, void *bytes, size_t count, char *words) {
   (void)user, (void)words;
   snprintf(bytes, count, "backend cpu (another)");
@@ -331,13 +366,9 @@ static void test_mismatch(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_head_long),
-                                     cmocka_unit_test(test_head_of_frames_long),
-                                     cmocka_unit_test(test_torso),
-                                     cmocka_unit_test(test_refused),
-                                     cmocka_unit_test(test_is_the_gradient),
-                                     cmocka_unit_test(test_other_loss),
-                                     cmocka_unit_test(test_dies),
-                                     cmocka_unit_test(test_mismatch)};
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test(test_head_long), cmocka_unit_test(test_head_of_frames_long), cmocka_unit_test(test_torso),
+      cmocka_unit_test(test_refused),   cmocka_unit_test(test_is_the_gradient),     cmocka_unit_test(test_other_loss),
+      cmocka_unit_test(test_dies),      cmocka_unit_test(test_dies_after_refresh),  cmocka_unit_test(test_mismatch)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }
