@@ -314,14 +314,13 @@ static void check_place(struct ern_prepare_job *job, const struct ern_person_fou
                            "--masks helps, or a stretch where it stands still (--from, --to)",
                            100 * found->unlike);
   else if (found->inset > most_inset && job->options->background == NULL)
-    ern_prepare_add_reason(job, ERN_PREPARE_DOUBTFUL,
-                           "a part of the background changes, at %.0f to %.0f %% of the picture's width and %.0f to "
-                           "%.0f %% of its height, "
-                           "as an inset picture, a screen or a logo that moves does, and stands still in the portrait; "
-                           "a video with it cut "
-                           "off helps, or --background with a picture of the place without it",
-                           100 * found->inset_edges[0], 100 * found->inset_edges[1], 100 * found->inset_edges[2],
-                           100 * found->inset_edges[3]);
+    ern_prepare_add_reason(
+        job, ERN_PREPARE_DOUBTFUL,
+        "a part of the background changes, at %.0f to %.0f %% of the picture's width and %.0f to %.0f %% of its "
+        "height, as an inset picture, a screen or a logo that moves does, and stands still in the portrait; a video "
+        "with it cut off helps, or --background with a picture of the place without it",
+        100 * found->inset_edges[0], 100 * found->inset_edges[1], 100 * found->inset_edges[2],
+        100 * found->inset_edges[3]);
   if (found->supplied_difference > 23)
     ern_prepare_add_reason(
         job, ERN_PREPARE_DOUBTFUL,
